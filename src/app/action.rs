@@ -125,6 +125,27 @@ pub enum SliceExtent {
     Mm(f64),
 }
 
+/// What a thick slice shows of the values along its normal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SlabMode {
+    /// Their mean.
+    Mean,
+    /// The largest: vessels and bones.
+    Max,
+    /// The least: airways and gas.
+    Min,
+}
+
+impl SlabMode {
+    /// All of them with their names.
+    pub const ALL: [(Self, &'static str); 3] =
+        [(Self::Mean, "mean"), (Self::Max, "MIP"), (Self::Min, "MinIP")];
+}
+
+/// Bounds of the thickness of a slice, mm.
+pub const SLAB_MM: std::ops::RangeInclusive<f64> = 1.0..=50.0;
+
 /// Bounds of the millimetres across a slice.
 pub const EXTENT_MM: std::ops::RangeInclusive<f64> = 4.0..=2000.0;
 
@@ -134,6 +155,8 @@ pub const EXTENT_MM: std::ops::RangeInclusive<f64> = 4.0..=2000.0;
 pub enum Export {
     /// The inside pane as a picture.
     View,
+    /// The window as it is seen, with marks, scales and texts.
+    Window,
     /// The flight as pictures and, where there is ffmpeg, as a video.
     Flight,
     /// Bookmarks, measurements and figures as a page of HTML.
@@ -224,6 +247,10 @@ pub enum Action {
     LookAt([f64; 3]),
     /// Sets the window of the slices' grey values: centre and width.
     Window([f64; 2]),
+    /// Shows thick slices, or thin ones.
+    Slab(Option<SlabMode>),
+    /// Sets the thickness of thick slices, mm.
+    SlabThickness(f64),
     /// Fills the window with a pane, or shows all.
     Maximise(Option<Pane>),
     /// Arranges the panes.

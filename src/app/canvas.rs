@@ -86,7 +86,7 @@ impl Canvas {
     /// Draws triangles of the panels.
     ///
     /// * `scale`: pixels a point.
-    /// * `pane`: the image of a texture that is a drawn pane.
+    /// * `pane`: the image of a texture that is a drawn pane, and whether it has more pixels than that.
     /// * `send`: submits the frame.
     ///
     /// # Errors
@@ -96,7 +96,7 @@ impl Canvas {
         gpu: &mut Gpu,
         target: &Target,
         (primitives, scale): (Vec<egui::ClippedPrimitive>, f32),
-        pane: impl Fn(TextureId) -> Option<ImageId>,
+        pane: impl Fn(TextureId) -> Option<(ImageId, bool)>,
         send: impl FnOnce(&mut Gpu, &Frame<'_>) -> Result<(), VkError>,
     ) -> Result<(), AppError> {
         let changes = std::mem::take(&mut self.changes);
@@ -125,6 +125,34 @@ impl Canvas {
             }
         }
         Ok(())
+    }
+
+    /// Draws triangles of the panels into an image of their own and reads that back: RGB, rows from
+    /// the top.
+    ///
+    /// # Errors
+    /// The device's.
+    pub fn picture(
+        &mut self,
+        gpu: &mut Gpu,
+        extent: [u32; 2],
+        primitives: (Vec<egui::ClippedPrimitive>, f32),
+        pane: impl Fn(TextureId) -> Option<(ImageId, bool)>,
+    ) -> Result<Vec<u8>, AppError> {
+        let format = Format::Rgba8Stored;
+        let image = gpu.image("window", ImageSpec { format, extent, samples: 1 })?;
+        let bytes = extent.map(u64::from).iter().product::<u64>() * 4;
+        let back = gpu.readback_buffer("window", bytes)?;
+        let target = Target { image, format };
+        self.draw(gpu, &target, primitives, pane, |gpu, frame| {
+            let frame = Frame { picture: Some((image, back)), ..frame.clone() };
+            gpu.make_room(frame.staged_bytes())?;
+            gpu.submit_draws(&frame)
+        })?;
+        let rgba = gpu.read(back)?[..bytes as usize].to_vec();
+        gpu.free_image(image);
+        gpu.free_buffer(back);
+        Ok(rgba.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect())
     }
 
     /// Images for textures that are written whole and have none of that size.
@@ -171,12 +199,12 @@ impl Canvas {
 fn flat_mesh(
     p: egui::ClippedPrimitive,
     scale: f32,
-    pane: impl Fn(TextureId) -> Option<ImageId>,
+    pane: impl Fn(TextureId) -> Option<(ImageId, bool)>,
     textures: &HashMap<TextureId, Texture>,
 ) -> Option<FlatMesh> {
     let Primitive::Mesh(mesh) = p.primitive else { return None };
     let (picture, filtered) = match pane(mesh.texture_id) {
-        Some(image) => (image, false),
+        Some(pane) => pane,
         None => (textures.get(&mesh.texture_id)?.image?, true),
     };
     let size = |v: f32| (v * scale).round().max(0.0) as u32;

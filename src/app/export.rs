@@ -44,6 +44,8 @@ pub(super) struct Notes {
     findings: Vec<Finding>,
     measurements: Vec<MeasuredValue>,
     category: Option<&'static str>,
+    /// Part of the organ that the path starts in, as the window names it.
+    start: Option<&'static str>,
     shown_fraction: Option<f64>,
     /// Centre and width of the slices' grey values.
     window: [f64; 2],
@@ -65,7 +67,7 @@ impl Notes {
                 text: b.text.clone(),
                 eye_mm: b.position_mm,
                 wall_mm: b.wall_mm.or_else(looked_at),
-                arc_mm: b.arc_mm.or_else(nearest),
+                arc_mm: model.arc_of(b).or_else(nearest),
                 segment: b.segment.clone().or_else(branch),
                 said: said_of(model, b),
                 view: picture(b, folder),
@@ -76,6 +78,7 @@ impl Notes {
             findings: model.bookmarks.iter().map(finding).collect(),
             measurements: model.measurements.iter().map(|m| measured(model, m)).collect(),
             category: finding::category(model),
+            start: model.ends.filter(|ends| ends.is_sure).map(|ends| ends.names()[0]),
             shown_fraction: (!model.seen.faces.is_empty()).then_some(model.seen.fraction),
             window: model.window,
         }
@@ -153,7 +156,7 @@ fn slices(
     let of = |(name, pane)| {
         let mm_per_px = SLICE_MM / SLICE_PX as f64;
         let plane = SlicePlane::of(pane, DVec3::from(at), mm_per_px, None)?;
-        let mut pixels = slice(volume, None, &plane, size, window);
+        let mut pixels = slice(volume, None, &plane, size, window, None);
         wall.iter().for_each(|tree| draw_wall_outline(tree, &plane, size, &mut pixels));
         let middle = SLICE_PX / 2;
         for k in (4..14).flat_map(|k| [middle - k, middle + k]) {
@@ -180,7 +183,7 @@ pub(super) fn page(session: &Session, mut notes: Notes) -> Result<String, Sessio
     let profile = has_path.then(|| session.lumen_profile()).transpose()?;
     let pictures = has_path.then(|| session.report_pictures(None)).transpose()?;
     for finding in &mut notes.findings {
-        finding.start = profile.as_ref().and_then(|p| p.start);
+        finding.start = notes.start.or(profile.as_ref().and_then(|p| p.start));
         if let (Some(volume), Some(at)) = (there.volume(), finding.wall_mm) {
             finding.slices = slices(volume, there.triangle_tree.as_deref(), at, notes.window);
         }

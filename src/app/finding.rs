@@ -193,7 +193,7 @@ fn values_in_ball(volume: &Volume, lumen: Option<&Lumen>, middle: DVec3) -> Vec<
 pub(super) fn distance_mm(model: &Model, finding: &Bookmark) -> Option<f64> {
     let path = model.path.as_ref()?;
     let eye = DVec3::from(finding.position_mm);
-    let arc = finding.arc_mm.unwrap_or_else(|| path.nearest_to(eye));
+    let arc = model.arc_of(finding).unwrap_or_else(|| path.nearest_to(eye));
     let from_end = model.ends.is_some_and(|ends| !ends.starts_at_rectum);
     Some(if from_end { path.length_mm() - arc } else { arc })
 }

@@ -72,7 +72,7 @@ fn new_finding(ui: &mut Ui, model: &Model, state: &mut PanelState, commands: &mu
 
 /// A finding in one line: number, name, place, size.
 fn line(model: &Model, i: usize, finding: &Bookmark) -> String {
-    let place = match finding.arc_mm {
+    let place = match model.arc_of(finding) {
         Some(_) => distance_mm(model, finding).map(|mm| format!(", {mm:.0} mm")),
         None => Some(", off the path".into()),
     };
@@ -187,6 +187,12 @@ fn files(ui: &mut Ui, model: &Model, state: &mut PanelState, commands: &mut Acti
     let (has_path, has_findings) = (model.path.is_some(), !model.bookmarks.is_empty());
     let exports = [
         (Export::View, "view", model.pose.is_some(), "The inside view as a picture (E)"),
+        (
+            Export::Window,
+            "window",
+            model.volume().is_some(),
+            "The window as it is seen, with marks and scales (Shift + E)",
+        ),
         (
             Export::Flight,
             "flight",

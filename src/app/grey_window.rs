@@ -2,7 +2,7 @@
 
 use egui::Ui;
 
-use super::action::{Action, ActionQueue, SliceExtent};
+use super::action::{Action, ActionQueue, SLAB_MM, SlabMode, SliceExtent};
 use super::model::Model;
 use super::style::FAINT;
 
@@ -55,6 +55,24 @@ pub(super) fn slice_row(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) 
         presets(ui, model, commands);
         ui.separator();
         extents(ui, model, commands);
+        ui.separator();
+        slabs(ui, model, commands);
+    }
+}
+
+/// Thin or thick slices.
+fn slabs(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
+    for (mode, name) in SlabMode::ALL {
+        let is_on = model.slab == Some(mode);
+        let tip = "Of the values in a thick slice; a second click shows a thin one";
+        if ui.selectable_label(is_on, name).on_hover_text(tip).clicked() {
+            commands.act(Action::Slab((!is_on).then_some(mode)));
+        }
+    }
+    let mut mm = model.slab_mm;
+    let field = egui::DragValue::new(&mut mm).range(SLAB_MM).speed(0.2).suffix(" mm");
+    if ui.add_enabled(model.slab.is_some(), field).changed() {
+        commands.act(Action::SlabThickness(mm));
     }
 }
 

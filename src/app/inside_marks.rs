@@ -14,7 +14,7 @@ use super::style::{ACCENT, CAMERA, SHADOW, TEXT};
 use crate::render::cube_areas;
 
 /// Colour of the mark of a missed patch: that of wall that no picture has shown.
-const MISSED: Color32 = Color32::from_rgb(80, 200, 255);
+pub(super) const MISSED: Color32 = Color32::from_rgb(80, 200, 255);
 pub(super) const MEASURE: Color32 = Color32::from_rgb(120, 200, 255);
 
 /// Text with a shadow, so that it can be read on any wall.

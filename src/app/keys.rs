@@ -11,10 +11,11 @@ use super::model::Model;
 ///
 /// * `is_escape_taken`: something was open that Escape closes by itself.
 pub(super) fn keys(ui: &Ui, model: &Model, is_escape_taken: bool, commands: &mut ActionQueue) {
-    if ui.ctx().egui_wants_keyboard_input() {
+    // Behind a dialog nothing is moved, and nothing deleted.
+    if ui.ctx().egui_wants_keyboard_input() || model.leaving.is_some() {
         return;
     }
-    let pressed = |key| ui.input(|i| i.key_pressed(key));
+    let pressed = |key| ui.input(|i| i.key_pressed(key) && !i.modifiers.command);
     // A key may be down and up again within one frame: what was held with it is its own.
     let with = |wanted: Key, fits: fn(&Modifiers) -> bool| {
         ui.input(|i| {
@@ -49,6 +50,7 @@ pub(super) fn keys(ui: &Ui, model: &Model, is_escape_taken: bool, commands: &mut
         commands.act(Action::BackToPath);
     }
     if pressed(Key::Enter)
+        && !is_escape_taken
         && let Some(branch) = branch_in_view(model)
     {
         commands.ask(Request::Branch(branch));
@@ -78,21 +80,24 @@ pub(super) fn keys(ui: &Ui, model: &Model, is_escape_taken: bool, commands: &mut
             commands.act(action);
         }
     }
-    if let Some(i) = model.selected.filter(|_| pressed(Key::Delete)) {
+    if let Some(i) = model.selected.filter(|_| pressed(Key::Delete) && !is_escape_taken) {
         commands.act(Action::RemoveBookmark(i));
     }
-    if pressed(Key::E) {
+    if with(Key::E, |m| !m.shift && !m.command) {
         commands.ask(Request::Export(Export::View));
+    }
+    if with(Key::E, |m| m.shift && !m.command) {
+        commands.ask(Request::Export(Export::Window));
     }
     for (fits, action) in [
         (Modifiers::is_none as fn(&Modifiers) -> bool, Action::NextMissed),
-        (|m| m.shift, Action::PreviousMissed),
+        (|m| m.shift && !m.command, Action::PreviousMissed),
     ] {
         if with(Key::U, fits) {
             commands.act(action);
         }
     }
-    if with(Key::B, |m| !m.shift) {
+    if with(Key::B, |m| !m.shift && !m.command) {
         commands.act(Action::Bookmark(String::new()));
     }
     if pressed(Key::Escape) && !is_escape_taken {
@@ -207,7 +212,7 @@ pub(super) fn help(ui: &Ui, commands: &mut ActionQueue) {
         ("V", "eye, cube, panorama"),
         ("C", "colour: tissue, not seen yet, radius, evidence"),
         ("M, N", "measure a length, an angle"),
-        ("E", "save the view"),
+        ("E, Shift + E", "save the inside view; the window as it is seen"),
         ("B", "add a finding of what the eye looks at"),
         (", .", "previous, next finding"),
         ("U, Shift + U", "next, previous missed patch"),

@@ -10,7 +10,7 @@ const GAP: f32 = 2.0;
 const ROW: f32 = 26.0;
 /// Width of the controls of the flight, and of a slice, in one row, points.
 const TRANSPORT: f32 = 540.0;
-const PRESETS: f32 = 420.0;
+const PRESETS: f32 = 620.0;
 /// Most rows.
 const MAX_ROWS: f32 = 4.0;
 /// Least width of two columns; the inside view alone has less.

@@ -21,6 +21,9 @@ pub struct Measurement {
     /// Number of the finding that it is of.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub finding: Option<u64>,
+    /// Number that tells it from others; 0 where it has none yet.
+    #[serde(default)]
+    pub id: u64,
 }
 
 impl Ruler {
@@ -39,7 +42,7 @@ impl Measurement {
         let whole = points.len() == ruler.points();
         let points_mm = points.iter().map(DVec3::to_array).collect();
         let name = String::new();
-        whole.then_some(Self { name, ruler, points_mm, in_slice: false, finding: None })
+        whole.then_some(Self { name, ruler, points_mm, in_slice: false, finding: None, id: 0 })
     }
 
     /// Whether it has as many points as it needs, all of them places.

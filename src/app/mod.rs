@@ -52,7 +52,7 @@ mod window;
 
 pub use action::{
     Action, ActionQueue, Colouring, Command, EXTENT_MM, Export, FOV_DEG, LumenChoice, Pane,
-    PaneLayout, Request, Ruler, SPEED_MM_S, SliceExtent, WallView,
+    PaneLayout, Request, Ruler, SLAB_MM, SPEED_MM_S, SlabMode, SliceExtent, WallView,
 };
 pub use coverage_recorder::{CoverageRecorder, SeenFaces};
 pub use error::AppError;

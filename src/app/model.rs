@@ -22,7 +22,8 @@ use glam::{DVec3, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
 use super::action::{
-    Action, Colouring, FOV_DEG, Pane, PaneLayout, Request, Ruler, SPEED_MM_S, SliceExtent, WallView,
+    Action, Colouring, FOV_DEG, Pane, PaneLayout, Request, Ruler, SLAB_MM, SPEED_MM_S, SlabMode,
+    SliceExtent, WallView,
 };
 use super::coverage_recorder::SeenFaces;
 use super::finding::{Confidence, LesionShape};
@@ -62,7 +63,7 @@ pub struct Bookmark {
     /// The picture itself, PNG.
     #[serde(skip)]
     pub png: Option<Arc<Vec<u8>>>,
-    /// Number by which measurements name it; 0 where it has none yet.
+    /// Number that tells it from others, and by which measurements name it; 0 where it has none yet.
     #[serde(default)]
     pub id: u64,
     /// Place of the wall in the middle of the view, LPS mm.
@@ -80,10 +81,9 @@ pub struct Bookmark {
 }
 
 impl Bookmark {
-    /// Whether another one notes the same; its picture may not be there.
-    pub(super) fn is_same(&self, other: &Self) -> bool {
-        let plain = |b: &Self| Self { picture: None, png: None, id: 0, ..b.clone() };
-        plain(self) == plain(other)
+    /// Without its picture: what it says.
+    pub(super) fn plain(&self) -> Self {
+        Self { picture: None, png: None, ..self.clone() }
     }
 }
 
@@ -131,6 +131,10 @@ pub struct Model {
     wall_bounds: Option<(Vec3, Vec3)>,
     /// Centre and width of the slices' grey values.
     pub window: [f64; 2],
+    /// What thick slices show; thin ones where `None`.
+    pub slab: Option<SlabMode>,
+    /// Thickness of thick slices, mm.
+    pub slab_mm: f64,
     /// The pane that fills the window.
     pub maximised: Option<Pane>,
     /// Arrangement of the panes.
@@ -150,6 +154,8 @@ pub struct Model {
     saved_version: u64,
     /// Notes as they were before the changes that can be taken back.
     history: History,
+    /// Faces of the missed patches, each with its patch and its area, mm².
+    missed_faces: Vec<(u32, u32, f32)>,
     /// Missed patch that was asked for last.
     pub missed: Option<MissedMark>,
     /// Place on the path that the eye flies to, mm from the start.
@@ -157,7 +163,7 @@ pub struct Model {
     /// Place that the eye looks at once it is there, LPS mm.
     gaze_mm: Option<DVec3>,
     /// Place that a branch is taken for, LPS mm.
-    way_goes_on_to: Option<DVec3>,
+    way_goes_on_to: Option<(FlightRoute, DVec3)>,
     /// The way that was set out on last.
     pub way: Option<WayTo>,
     /// Place on the path to begin at, mm, once there is one.
@@ -245,6 +251,7 @@ impl Model {
             on_path: true,
             speed_mm_s: planned_mm_s,
             window: [0.0, 1.0],
+            slab_mm: 10.0,
             opacity: 1.0,
             aspect: 4.0 / 3.0,
             planned_mm_s,
@@ -267,6 +274,8 @@ impl Model {
             layout: self.layout,
             large_slice: self.large_slice,
             hides_panel: self.hides_panel,
+            slab: self.slab,
+            slab_mm: self.slab_mm,
             recent: self.recent.clone(),
             ..Self::new(self.planned_mm_s)
         }
@@ -326,6 +335,7 @@ impl Model {
         let line_came = came(&[Product::Centerline]);
         let fields_came = came(&[Product::Fields, Product::TriangleTree]);
         let sections_came = came(&[Product::Sections]);
+        let coverage_came = came(&[Product::Coverage, Product::Wall]);
         let is_new = volume_came && !std::mem::take(&mut self.keeps_slices);
         if let Some(volume) = self.volume().filter(|_| is_new) {
             let middle = 0.5 * (volume.grid.dims.as_dvec3() - 1.0);
@@ -334,6 +344,9 @@ impl Model {
         }
         if let Some(lumen) = self.products.lumen.as_ref().filter(|_| lumen_came) {
             self.lumen_side_mm = sliced::longest_side_mm(&lumen.lumen);
+        }
+        if coverage_came {
+            self.missed_faces = self.faces_of_patches();
         }
         if wall_came {
             self.wall_bounds = self.products.wall.as_ref().and_then(|w| w.mesh.bounds());
@@ -370,7 +383,7 @@ impl Model {
         self.set_path(flight, route);
         self.set_sections(sections);
         self.restore_eye();
-        self.go_on_along_branch();
+        self.go_on_along(route);
     }
 
     /// Begins at a place on the path, at once or when there is one.
@@ -395,7 +408,7 @@ impl Model {
         self.choices = choices(&centerline.line, &path, route);
         self.path = Some(path);
         self.name_ends();
-        (self.goal_mm, self.gaze_mm) = (None, None);
+        (self.goal_mm, self.gaze_mm, self.way) = (None, None, None);
         if self.on_path {
             self.seek_while(start, self.playing);
         }
@@ -435,6 +448,28 @@ impl Model {
 
     fn notes_changed(&mut self) {
         self.notes_version += 1;
+    }
+
+    /// Whether the last frame belonged to a drag, or to a text that is typed.
+    pub(super) fn is_in_gesture(&self) -> bool {
+        self.history.is_in_gesture()
+    }
+
+    /// Length of the path up to a noted place, mm; `None` where the path that is flown does not pass
+    /// there.
+    pub(super) fn arc_of(&self, noted: &Bookmark) -> Option<f64> {
+        /// Farthest from its place.
+        const NEAR_MM: f32 = 1.0;
+        let (arc, path) = (noted.arc_mm?, self.path.as_ref()?);
+        let place = DVec3::from(noted.position_mm).as_vec3();
+        (path.pose_at(arc).position_mm.distance(place) <= NEAR_MM).then_some(arc)
+    }
+
+    /// Forgets notes and what led to them, before those of a file take their place.
+    pub(super) fn forget_notes(&mut self) {
+        self.bookmarks.clear();
+        self.measurements.clear();
+        (self.selected, self.kept_offer, self.history) = Default::default();
     }
 
     /// Carries out actions, then lets `dt` seconds pass.
@@ -532,6 +567,10 @@ impl Model {
             }
             Action::Window([centre, width]) if centre.is_finite() && width.is_finite() => {
                 self.window = [centre.clamp(-MAX_VALUE, MAX_VALUE), width.clamp(1e-3, MAX_VALUE)];
+            }
+            Action::Slab(mode) => self.slab = *mode,
+            Action::SlabThickness(mm) if mm.is_finite() => {
+                self.slab_mm = mm.clamp(*SLAB_MM.start(), *SLAB_MM.end());
             }
             Action::Maximise(pane) => self.maximised = *pane,
             Action::Layout(layout) => (self.layout, self.maximised) = (*layout, None),

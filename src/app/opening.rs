@@ -128,6 +128,12 @@ impl SavedLumen {
         (choice.settings() == *settings && choice.is_finite()).then_some(choice)
     }
 
+    /// Whether it says what the lumen is.
+    pub(super) fn is_choice(&self) -> bool {
+        let settings = self.settings();
+        self.is_finite() && (settings.organ.is_some() || settings.select.is_some())
+    }
+
     /// Whether its numbers are some: JSON has no others.
     fn is_finite(&self) -> bool {
         match self {

@@ -39,6 +39,10 @@ struct DrawnPane {
     scene: Option<Scene>,
     version: u64,
     drawn: Option<Drawn>,
+    /// Pixels of the picture along each side of one of the pane.
+    fineness: u32,
+    /// Since when the picture shows the same.
+    still_since: Instant,
     /// Whether the picture has faces that are not yet as fine as it asks.
     is_coarse: bool,
 }
@@ -46,7 +50,9 @@ struct DrawnPane {
 impl DrawnPane {
     fn new(gpu: &mut Gpu, samples: u32) -> Result<Self, RenderError> {
         let renderer = Renderer::new(gpu, 64, 64, samples)?;
-        Ok(Self { renderer, scene: None, version: 0, drawn: None, is_coarse: false })
+        let still_since = Instant::now();
+        let (scene, drawn) = (None, None);
+        Ok(Self { renderer, scene, version: 0, drawn, fineness: 1, still_since, is_coarse: false })
     }
 
     /// Whether the picture shows something else.
@@ -60,7 +66,36 @@ impl DrawnPane {
         let Some(scene) = self.scene.filter(|_| self.is_stale(shot, size)) else {
             return Ok(false);
         };
-        self.renderer.resize(gpu, size[0], size[1])?;
+        self.still_since = Instant::now();
+        self.draw_as_fine(gpu, scene, shot, size, 1)
+    }
+
+    /// Draws the picture again with four pixels for each of the pane, once it has rested.
+    fn draw_at_rest(
+        &mut self,
+        gpu: &mut Gpu,
+        shot: Shot,
+        size: [u32; 2],
+    ) -> Result<(), RenderError> {
+        let Some(scene) = self.scene.filter(|_| !self.is_stale(shot, size)) else { return Ok(()) };
+        if self.fineness == 1 && self.still_since.elapsed() >= REST {
+            self.draw_as_fine(gpu, scene, shot, size, 2)?;
+            // Faces that this picture asks for and that are not made yet do not show in it.
+            self.is_coarse = false;
+        }
+        Ok(())
+    }
+
+    fn draw_as_fine(
+        &mut self,
+        gpu: &mut Gpu,
+        scene: Scene,
+        shot: Shot,
+        size: [u32; 2],
+        fineness: u32,
+    ) -> Result<bool, RenderError> {
+        self.renderer.resize(gpu, fineness * size[0], fineness * size[1])?;
+        self.fineness = fineness;
         let stats = self.renderer.draw_picture(gpu, &scene, &shot)?;
         self.is_coarse = stats.waiting > 0;
         self.is_drawn(shot, size);
@@ -107,7 +142,14 @@ pub struct Panes {
     tissue: Option<TissueHandle>,
     /// Whether colours are older than what was shown.
     is_paint_old: bool,
+    /// Whether the inside view has one sample a pixel, and more where it rests.
+    refines_at_rest: bool,
+    /// Whether the inside view was shown in the last frame.
+    shows_inside: bool,
 }
+
+/// Time that a view rests before it is drawn with more samples, where the device draws slowly.
+const REST: Duration = Duration::from_millis(250);
 
 /// Colours of a wall that is being seen are brought up to date no more often.
 const PAINT_EVERY: Duration = Duration::from_millis(200);
@@ -134,6 +176,8 @@ impl Panes {
             coloured: None,
             tissue: None,
             is_paint_old: false,
+            refines_at_rest: samples == 1,
+            shows_inside: false,
         })
     }
 
@@ -233,10 +277,14 @@ impl Panes {
         let shot = Shot { view, pose, lens: model.lens(), progress: 0.0, room_mm };
         self.arrange(model);
         let mut any = false;
+        self.shows_inside = inside.is_some();
         if let Some(size) = inside {
             let made = if detail == Detail::Settled { u32::MAX } else { MADE_PER_FRAME };
             self.inside.renderer.make_at_most(made);
             any |= self.inside.draw(gpu, shot, size)?;
+            if self.refines_at_rest && detail == Detail::Live && !any {
+                self.inside.draw_at_rest(gpu, shot, size)?;
+            }
         }
         if let Some(size) = overview {
             let lens = model.lens();
@@ -322,7 +370,9 @@ impl Panes {
     /// Whether a pane waits for a part of its picture: new colours, the wall of the overview, or faces
     /// as fine as the camera asks.
     pub fn is_settling(&self) -> bool {
-        self.is_paint_old || self.is_glass_next || self.inside.is_coarse
+        let is_drawn = self.shows_inside && self.inside.drawn.is_some();
+        let rests = self.refines_at_rest && is_drawn && self.inside.fineness == 1;
+        self.is_paint_old || self.is_glass_next || self.inside.is_coarse || rests
     }
 
     /// The inside view as it was drawn last: columns, rows, RGB. Waits for the device.
@@ -336,10 +386,19 @@ impl Panes {
         let picture = Some((self.inside.renderer.picture(), buffer));
         let read = gpu.submit_draws(&Frame { picture, ..Frame::default() }).and_then(|()| {
             let rgba = &gpu.read(buffer)?[..4 * pixels];
-            Ok(rgba.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect())
+            Ok(rgba.chunks_exact(4).map(|p| [p[0], p[1], p[2]]).collect::<Vec<_>>())
         });
         gpu.free_buffer(buffer);
-        Ok(([width, height], read?))
+        let pixels = read?;
+        match self.inside.fineness {
+            1 => Ok(([width, height], pixels.into_flattened())),
+            _ => Ok(([width / 2, height / 2], halved(&pixels, width as usize))),
+        }
+    }
+
+    /// Whether the image of the inside view has four pixels for each of the pane.
+    pub fn is_inside_fine(&self) -> bool {
+        self.inside.fineness > 1
     }
 
     /// The image of the inside view.
@@ -355,5 +414,27 @@ impl Panes {
     /// Whether the pictures show anything yet.
     pub fn has_pictures(&self) -> bool {
         self.inside.drawn.is_some()
+    }
+}
+
+/// A picture of half the columns and rows: means of four pixels.
+fn halved(pixels: &[[u8; 3]], width: usize) -> Vec<u8> {
+    let pairs = pixels.chunks_exact(2 * width);
+    let mean = |rows: &[[u8; 3]], x: usize| {
+        let four = [rows[2 * x], rows[2 * x + 1], rows[width + 2 * x], rows[width + 2 * x + 1]];
+        [0, 1, 2].map(|c| (four.iter().map(|p| u16::from(p[c])).sum::<u16>().div_ceil(4)) as u8)
+    };
+    pairs.flat_map(|rows| (0..width / 2).flat_map(move |x| mean(rows, x))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::halved;
+
+    #[test]
+    fn a_halved_picture_has_the_means_of_four_pixels() {
+        let grey = |v: u8| [v, v, 0];
+        let rows = [grey(0), grey(4), grey(9), grey(9), grey(8), grey(4), grey(9), grey(9)];
+        assert_eq!(halved(&rows, 4), [4, 4, 0, 9, 9, 0]);
     }
 }

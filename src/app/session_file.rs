@@ -1,6 +1,7 @@
 //! Notes on a volume as a file: bookmarks and how the window was set. Geometry only; nothing of a
 //! patient.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use glam::{DQuat, DVec3};
@@ -101,7 +102,7 @@ impl SessionFile {
         let file: Self =
             serde_json::from_value(json).map_err(|_| bad("a field is missing or wrong".into()))?;
         file.check().map_err(bad)?;
-        Ok(file)
+        Ok(file.with_ids())
     }
 
     fn check(&self) -> Result<(), String> {
@@ -126,6 +127,9 @@ impl SessionFile {
         }
         if let Some(i) = self.measurements.iter().position(|m| !m.is_valid()) {
             return Err(format!("measurement {} lacks a place", i + 1));
+        }
+        if !self.lumen.as_ref().is_none_or(SavedLumen::is_choice) {
+            return Err("its lumen is none".into());
         }
         if !self.view.as_ref().is_none_or(SavedView::is_valid) {
             return Err("its view is no place".into());
@@ -152,21 +156,53 @@ impl SessionFile {
         self.bookmarks.len() + self.measurements.len()
     }
 
-    /// Returns the notes of another file that neither this one has nor the one it came from.
+    /// Gives numbers to notes that have none, of what they say: each window that reads them finds the
+    /// same.
+    fn with_ids(mut self) -> Self {
+        let mut taken: BTreeSet<u64> = self.bookmarks.iter().map(|b| b.id).collect();
+        taken.extend(self.measurements.iter().map(|m| m.id));
+        let mut free = |says: u64| {
+            let mut id = says.max(1);
+            while !taken.insert(id) {
+                id += 1;
+            }
+            id
+        };
+        for b in self.bookmarks.iter_mut().filter(|b| b.id == 0) {
+            b.id = free(content_id(b, 0));
+        }
+        for m in self.measurements.iter_mut().filter(|m| m.id == 0) {
+            m.id = free(content_id(m, 0));
+        }
+        self
+    }
+
+    /// Returns the notes of another file that this one lacks: those that are not in it, and were not
+    /// removed from it; and those changed there and not here.
+    ///
+    /// * `origin`: the file that both come from.
     pub(super) fn lacks(&self, other: &Self, origin: Option<&Self>) -> AddedNotes {
-        let known = |of: &dyn Fn(&Self) -> bool| of(self) || origin.is_some_and(of);
-        let is_new = |b: &&Bookmark| !known(&|file| file.bookmarks.iter().any(|a| a.is_same(b)));
-        let is_own = |m: &&Measurement| !known(&|file| file.measurements.contains(m));
+        let origins = |get: fn(&Self) -> &[Bookmark]| origin.map_or(&[][..], get);
+        let is_lacking = |theirs: &&Bookmark| {
+            let own = self.bookmarks.iter().find(|b| b.id == theirs.id);
+            let first = origins(|o| &o.bookmarks).iter().find(|b| b.id == theirs.id);
+            lacks_note(own.map(Bookmark::plain), &theirs.plain(), first.map(Bookmark::plain))
+        };
+        let measured = origin.map_or(&[][..], |o| &o.measurements);
+        let is_unknown = |theirs: &&Measurement| {
+            let own = self.measurements.iter().find(|m| m.id == theirs.id);
+            let first = measured.iter().find(|m| m.id == theirs.id);
+            lacks_note(own, theirs, first)
+        };
         AddedNotes {
-            bookmarks: other.bookmarks.iter().filter(is_new).cloned().collect(),
-            measurements: other.measurements.iter().filter(is_own).cloned().collect(),
+            bookmarks: other.bookmarks.iter().filter(is_lacking).cloned().collect(),
+            measurements: other.measurements.iter().filter(is_unknown).cloned().collect(),
         }
     }
 
-    /// Takes notes in behind its own.
+    /// Takes notes in behind its own, or in the place of those with their numbers.
     pub(super) fn add(&mut self, added: &AddedNotes) {
-        self.bookmarks.extend_from_slice(&added.bookmarks);
-        self.measurements.extend_from_slice(&added.measurements);
+        added.put_into(&mut self.bookmarks, &mut self.measurements);
     }
 
     /// Sets a window as the file says.
@@ -178,8 +214,7 @@ impl SessionFile {
             return Err("the session file is of another volume".into());
         }
         use super::action::Action;
-        model.bookmarks.clear();
-        model.measurements.clear();
+        model.forget_notes();
         model.add_notes(&AddedNotes {
             bookmarks: self.bookmarks.clone(),
             measurements: self.measurements.clone(),
@@ -206,7 +241,53 @@ pub(super) struct AddedNotes {
     pub measurements: Vec<Measurement>,
 }
 
+/// Whether a note of another file is to be taken in.
+///
+/// * `own`, `first`: the same note here, and in the file that both come from.
+fn lacks_note<T: PartialEq>(own: Option<T>, theirs: &T, first: Option<T>) -> bool {
+    match (own, first) {
+        // New there.
+        (None, None) => true,
+        // Removed here.
+        (None, Some(_)) => false,
+        // Changed there alone.
+        (Some(own), Some(first)) => own == first && first != *theirs,
+        // Two changes of a note that no file had: it stays as it is here.
+        (Some(_), None) => false,
+    }
+}
+
+/// Number of 48 bits that follows from what a note says, and from one more number. JSON readers keep
+/// whole numbers of so many bits.
+pub(super) fn content_id(says: &impl Serialize, more: u64) -> u64 {
+    let text = serde_json::to_vec(says).unwrap_or_default();
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(&text).update(&more.to_le_bytes());
+    let mut bytes = [0; 8];
+    bytes[..6].copy_from_slice(&hasher.finalize().as_bytes()[..6]);
+    u64::from_le_bytes(bytes)
+}
+
 impl AddedNotes {
+    /// Puts the notes behind others, or in the place of those with their numbers.
+    pub fn put_into(&self, bookmarks: &mut Vec<Bookmark>, measurements: &mut Vec<Measurement>) {
+        for added in &self.bookmarks {
+            match bookmarks.iter_mut().find(|b| b.id == added.id) {
+                Some(own) => {
+                    let png = own.png.clone().or_else(|| added.png.clone());
+                    *own = Bookmark { png, ..added.clone() };
+                }
+                None => bookmarks.push(added.clone()),
+            }
+        }
+        for added in &self.measurements {
+            match measurements.iter_mut().find(|m| m.id == added.id) {
+                Some(own) => *own = added.clone(),
+                None => measurements.push(added.clone()),
+            }
+        }
+    }
+
     pub fn count(&self) -> usize {
         self.bookmarks.len() + self.measurements.len()
     }
@@ -317,6 +398,7 @@ mod tests {
                 points_mm: vec![[1.0, 2.0, 3.0], [1.0, 2.0, 7.5]],
                 in_slice: true,
                 finding: Some(1),
+                id: 2,
             }],
             view: Some(Model::new(20.0).saved_view()),
             lumen: Some(SavedLumen::Organ(crate::organ::Organ::Airway)),
@@ -368,7 +450,12 @@ mod tests {
     }
 
     fn named(names: &[&str]) -> SessionFile {
-        let of = |text: &&str| Bookmark { text: (*text).into(), ..file().bookmarks.remove(0) };
+        let id = |text: &str| u64::from(text.as_bytes()[0]);
+        let of = |text: &&str| Bookmark {
+            text: (*text).into(),
+            id: id(text),
+            ..file().bookmarks.remove(0)
+        };
         let bookmarks = names.iter().map(of).collect();
         SessionFile { bookmarks, measurements: Vec::new(), ..file() }
     }
@@ -396,6 +483,38 @@ mod tests {
         assert_eq!(names_in(&path), ["b", "c"]);
         assert!(write(&mut second, &["a", "c", "b"]).is_empty(), "what one keeps is not lost");
         assert_eq!(names_in(&path), ["a", "c", "b"]);
+    }
+
+    /// Both versions were kept as two findings.
+    #[test]
+    fn a_note_that_another_window_has_changed_is_changed_here_and_not_doubled() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("s.json");
+        named(&["a", "b"]).write(&path).unwrap();
+        let open = || NotesFile::new(path.clone(), Some(SessionFile::read(&path).unwrap()));
+        let (mut first, mut second) = (open(), open());
+        let mut renamed = named(&["a", "b"]);
+        renamed.bookmarks[0].text = "polyp".into();
+        first.write(renamed, None).unwrap();
+        let added = second.write(named(&["a", "b", "c"]), None).unwrap();
+        assert_eq!(added.bookmarks.len(), 1);
+        assert_eq!(names_in(&path), ["polyp", "b", "c"]);
+    }
+
+    #[test]
+    fn notes_of_an_older_file_get_the_same_numbers_in_each_window() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("s.json");
+        let mut old = named(&["a", "a", "b"]);
+        old.bookmarks.iter_mut().for_each(|b| b.id = 0);
+        old.write(&path).unwrap();
+        let ids = || -> Vec<u64> {
+            SessionFile::read(&path).unwrap().bookmarks.iter().map(|b| b.id).collect()
+        };
+        let first = ids();
+        assert_eq!(first, ids());
+        let unique: BTreeSet<u64> = first.iter().copied().collect();
+        assert!(unique.len() == 3 && !unique.contains(&0), "{first:?}");
     }
 
     #[test]

@@ -8,7 +8,7 @@ use super::grey_window::{value_text, window_text};
 use super::inside_marks::{mark_under, measurements, missed_mark};
 use super::labels::Labels;
 use super::model::Model;
-use super::slices::{SlicePlane, slice, value_at};
+use super::slices::{Slab, SlicePlane, slice, value_at};
 use super::style::{CAMERA, TEXT, pixels, wheel_notches};
 use super::wall_outline::draw_wall_outline;
 use crate::volume::Volume;
@@ -23,6 +23,7 @@ struct SliceInput {
     size: [usize; 2],
     /// Centre and width of the grey values.
     window: [f64; 2],
+    slab: Option<Slab>,
     /// Whether there is a lumen to be outlined, or a wall.
     has: [bool; 2],
 }
@@ -103,7 +104,10 @@ pub(super) fn show_slice(
     let wall = model.products.triangle_tree.as_deref();
     let lumen = model.products.lumen.as_ref().map(|l| &l.lumen).filter(|_| wall.is_none());
     let has = [lumen.is_some(), wall.is_some()];
-    let input = SliceInput { plane, size, window: model.window, has };
+    let is_moving = model.is_moving() || ui.input(|i| i.pointer.any_down());
+    let most = Slab::PLANES[usize::from(is_moving)];
+    let slab = model.slab.map(|mode| Slab { mode, thickness_mm: model.slab_mm, most });
+    let input = SliceInput { plane, size, window: model.window, slab, has };
     let slot = &mut views.textures[index];
     let frame = ui.ctx().cumulative_frame_nr();
     let takes_turns = views.in_turn && model.playing;
@@ -114,7 +118,7 @@ pub(super) fn show_slice(
         plane = s.input.plane;
         ui.ctx().request_repaint();
     } else if is_stale {
-        let mut rgb = slice(volume, lumen, &plane, size, model.window);
+        let mut rgb = slice(volume, lumen, &plane, size, model.window, slab);
         wall.iter().for_each(|tree| draw_wall_outline(tree, &plane, size, &mut rgb));
         let pixels = rgb.into_iter().map(|[r, g, b]| Color32::from_rgb(r, g, b)).collect();
         let image = egui::ColorImage::new(size, pixels);

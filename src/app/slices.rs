@@ -5,7 +5,7 @@
 
 use glam::{DAffine3, DVec3, USizeVec3};
 
-use super::action::Pane;
+use super::action::{Pane, SlabMode};
 use crate::geometry::Pose;
 use crate::lumen::Lumen;
 use crate::volume::{Sample, Volume, with_samples};
@@ -134,19 +134,38 @@ pub(super) const OUTLINE: [u8; 3] = [90, 210, 140];
 /// Colour of what lies outside the volume.
 const OUTSIDE: [u8; 3] = [12, 12, 14];
 
+/// Values along the normal of a slice that make a pixel of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Slab {
+    /// What is shown of them.
+    pub mode: SlabMode,
+    /// Thickness, mm, half of it to each side.
+    pub thickness_mm: f64,
+    /// Most planes: fewer while things move.
+    pub most: u32,
+}
+
+impl Slab {
+    /// Most planes of a slice at rest, and of one that moves.
+    pub const PLANES: [u32; 2] = [64, 6];
+}
+
 /// A slice: RGB, rows from the top.
 ///
 /// * `window`: centre and width of the grey values, black to white.
+/// * `slab`: of a thick slice.
 pub fn slice(
     volume: &Volume,
     lumen: Option<&Lumen>,
     plane: &SlicePlane,
     size: [usize; 2],
     window: [f64; 2],
+    slab: Option<Slab>,
 ) -> Vec<[u8; 3]> {
     let walk = Walk::new(plane, &volume.grid.voxel_from_world(), size);
+    let planes = slab.map_or(Planes::one(), |slab| Planes::of(slab, plane, volume));
     // The samples' type is matched once, not for each of eight values a pixel.
-    let mut out = with_samples!(&volume.samples, |s| grey(volume, s, &walk, size, window));
+    let mut out = with_samples!(&volume.samples, |s| grey(volume, s, &walk, size, window, &planes));
     if let Some(lumen) = lumen {
         outline(lumen, plane, size, &mut out);
     }
@@ -160,13 +179,14 @@ fn grey<T: Sample>(
     walk: &Walk,
     [width, height]: [usize; 2],
     window: [f64; 2],
+    planes: &Planes,
 ) -> Vec<[u8; 3]> {
     let low = window[0] - 0.5 * window[1];
     let scale = 255.0 / window[1];
     let mut out = Vec::with_capacity(width * height);
     for y in 0..height {
         for x in 0..width {
-            let value = trilinear(volume, samples, walk.at(x, y));
+            let value = planes.value(walk.at(x, y), |v| trilinear(volume, samples, v));
             out.push(value.map_or(OUTSIDE, |v| [((v - low) * scale).clamp(0.0, 255.0) as u8; 3]));
         }
     }
@@ -192,6 +212,50 @@ fn outline(lumen: &Lumen, plane: &SlicePlane, [width, height]: [usize; 2], out: 
             }
         }
         above = here;
+    }
+}
+
+/// Planes of a slice, as offsets from its middle in voxels.
+struct Planes {
+    mode: SlabMode,
+    offsets: Vec<DVec3>,
+}
+
+impl Planes {
+    fn one() -> Self {
+        Self { mode: SlabMode::Mean, offsets: vec![DVec3::ZERO] }
+    }
+
+    /// Planes a voxel apart, those of the thickest slices farther.
+    fn of(slab: Slab, plane: &SlicePlane, volume: &Volume) -> Self {
+        let normal = plane.right.cross(plane.down);
+        let voxel_mm = normal.abs().dot(volume.grid.spacing_mm).max(1e-3);
+        let steps = (slab.thickness_mm / voxel_mm).ceil().clamp(1.0, f64::from(slab.most)) as i32;
+        let step = slab.thickness_mm / f64::from(steps);
+        let to_voxel = volume.grid.voxel_from_world();
+        let at = |i: i32| (f64::from(i) + 0.5) * step - 0.5 * slab.thickness_mm;
+        let offset = |i: i32| to_voxel.transform_vector3(normal * at(i));
+        Self { mode: slab.mode, offsets: (0..steps).map(offset).collect() }
+    }
+
+    /// The value of a pixel; planes outside the volume do not count.
+    #[inline]
+    fn value(&self, middle: DVec3, sample: impl Fn(DVec3) -> Option<f64>) -> Option<f64> {
+        let values = self.offsets.iter().filter_map(|offset| sample(middle + *offset));
+        let (count, value) = values.fold((0u32, 0.0), |(count, so_far), value| {
+            let both = match self.mode {
+                _ if count == 0 => value,
+                SlabMode::Mean => so_far + value,
+                SlabMode::Max => so_far.max(value),
+                SlabMode::Min => so_far.min(value),
+            };
+            (count + 1, both)
+        });
+        match self.mode {
+            _ if count == 0 => None,
+            SlabMode::Mean => Some(value / f64::from(count)),
+            SlabMode::Max | SlabMode::Min => Some(value),
+        }
     }
 }
 
@@ -293,10 +357,28 @@ mod tests {
     }
 
     #[test]
+    fn a_thick_slice_shows_mean_largest_and_least_of_the_planes_in_the_volume() {
+        let v = volume();
+        // Values grow by 100 a plane, planes lie 3 mm apart, and the middle one is the third.
+        let plane = SlicePlane::of(Pane::Axial, DVec3::new(2.0, 4.0, 9.0), 1.0, None).unwrap();
+        let of = |mode, thickness_mm| {
+            let planes = Planes::of(Slab { mode, thickness_mm, most: 64 }, &plane, &v);
+            let Samples::I16(samples) = &v.samples else { panic!("the samples above") };
+            planes.value(DVec3::new(1.0, 2.0, 3.0), |p| trilinear(&v, samples, p)).unwrap()
+        };
+        let middle = 1.0 + 20.0 + 300.0;
+        assert!((of(SlabMode::Mean, 9.0) - middle).abs() < 1e-9);
+        assert!((of(SlabMode::Max, 9.0) - (middle + 100.0)).abs() < 1e-9);
+        assert!((of(SlabMode::Min, 9.0) - (middle - 100.0)).abs() < 1e-9);
+        let most = of(SlabMode::Max, 50.0);
+        assert!(most > 21.0 + 590.0 && most <= 21.0 + 600.0, "no more than there is: {most}");
+    }
+
+    #[test]
     fn the_window_maps_its_ends_to_black_and_white() {
         let v = volume();
         let plane = SlicePlane::of(Pane::Axial, DVec3::new(2.0, 4.0, 9.0), 1.0, None).unwrap();
-        let of = |window| slice(&v, None, &plane, [2, 2], window)[0][0];
+        let of = |window| slice(&v, None, &plane, [2, 2], window, None)[0][0];
         let Samples::I16(samples) = &v.samples else { panic!("the samples above") };
         let place = v.grid.voxel_from_world().transform_point3(plane.at([0.5, 0.5], [2, 2]));
         let value = trilinear(&v, samples, place).unwrap();

@@ -3,6 +3,7 @@
 use egui::{Align2, Color32, FontId, Pos2, Rect, Sense, Stroke, Ui, Vec2, pos2, vec2};
 
 use super::action::{Action, ActionQueue};
+use super::inside_marks::MISSED;
 use super::labels::Labels;
 use super::model::Model;
 use super::style::{ACCENT, CAMERA, FAINT};
@@ -38,8 +39,23 @@ fn about(path: &FlightPath) -> String {
     };
     format!(
         "Bars: least distance of the path to the wall. Line: radius of a circle as large as the \
-         cross-section; none where the plane runs along the lumen. Dots: bookmarks.{cuts}"
+         cross-section; none where the plane runs along the lumen. Dots: findings. Diamonds: missed \
+         wall. Triangles: branches.{cuts}"
     )
+}
+
+/// A mark of a missed patch.
+fn diamond(painter: &egui::Painter, at: Pos2, colour: Color32) {
+    let corners = [vec2(0.0, -3.5), vec2(3.5, 0.0), vec2(0.0, 3.5), vec2(-3.5, 0.0)];
+    let corners = corners.map(|by| at + by).to_vec();
+    painter.add(egui::Shape::convex_polygon(corners, colour, Stroke::NONE));
+}
+
+/// A mark of a branch, that stands on a place.
+fn triangle(painter: &egui::Painter, at: Pos2, colour: Color32) {
+    let corners = [vec2(0.0, -6.0), vec2(3.5, 0.0), vec2(-3.5, 0.0)];
+    let corners = corners.map(|by| at + by).to_vec();
+    painter.add(egui::Shape::convex_polygon(corners, colour, Stroke::NONE));
 }
 
 /// The scrub bar with the radius along the path.
@@ -68,18 +84,24 @@ pub(super) fn timeline(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
         let slot = &mut least[i.min(columns - 1)];
         *slot = slot.min(*radius);
     }
-    let mut last = 0.0;
+    let (mut last, mut bars) = (0.0, egui::Mesh::default());
     for (i, radius) in least.iter().enumerate() {
         last = if radius.is_finite() { *radius } else { last };
-        let px = plot.left() + i as f32 + 0.5;
+        let left = plot.left() + i as f32;
         let h = (last / most) as f32 * plot.height();
-        let flown = px <= x(model.arc_mm);
+        let flown = left + 0.5 <= x(model.arc_mm);
         let colour = if flown { ACCENT } else { Color32::from_rgb(70, 90, 84) };
-        painter.line_segment(
-            [pos2(px, plot.bottom() - h), pos2(px, plot.bottom())],
-            Stroke::new(1.0, colour),
-        );
+        // Bars that meet in a corner leave no stripe at any scale of the screen.
+        let top = pos2(left, plot.bottom() - h);
+        bars.colored_vertex(top, colour);
+        bars.colored_vertex(pos2(left + 1.0, top.y), colour);
+        bars.colored_vertex(pos2(left, plot.bottom()), colour);
+        bars.colored_vertex(pos2(left + 1.0, plot.bottom()), colour);
+        let first = 4 * i as u32;
+        bars.add_triangle(first, first + 1, first + 2);
+        bars.add_triangle(first + 1, first + 2, first + 3);
     }
+    painter.add(bars);
     let mut outline: Vec<Pos2> = Vec::new();
     for (arc, section) in path.arcs_mm().iter().zip(&path.sections) {
         if let Some(section) = section {
@@ -96,7 +118,13 @@ pub(super) fn timeline(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
         let line = [pos2(x(cut), plot.top()), pos2(x(cut), plot.bottom())];
         painter.line_segment(line, Stroke::new(2.0, Color32::from_rgb(255, 120, 110)));
     }
-    for b in model.bookmarks.iter().filter_map(|b| b.arc_mm) {
+    for choice in &model.choices {
+        triangle(&painter, pos2(x(choice.arc_mm), plot.bottom()), FAINT);
+    }
+    for patch in model.missed_in_order().into_iter().flatten().filter(|p| !p.is_shown) {
+        diamond(&painter, pos2(x(patch.arc_mm), plot.top() + 14.0), MISSED);
+    }
+    for b in model.bookmarks.iter().filter_map(|b| model.arc_of(b)) {
         painter.circle_filled(pos2(x(b), plot.top() + 4.0), 3.0, CAMERA);
     }
     let here = x(model.arc_mm);

@@ -23,6 +23,7 @@ use super::side_panel::{PanelState, Tab, side_panel};
 use super::slice_pane::{SliceViews, show_slice};
 use super::style::{FAINT, TEXT, WRONG, pixels, wheel_notches};
 use super::timeline::timeline;
+use crate::formats::NOTICE;
 
 /// Textures of the two drawn panes.
 pub const INSIDE: egui::TextureId = egui::TextureId::User(0);
@@ -116,6 +117,13 @@ pub fn window(
         let shown = places(ui.max_rect(), model.layout, model.large_slice, model.maximised);
         if let Some(rect) = shown.transport {
             row(ui, rect, |ui| transport(ui, model, commands));
+        }
+        if model.hides_panel {
+            // The panel has it otherwise: pictures of the window bear it in any case.
+            let at = ui.max_rect().center_top() + vec2(0.0, 4.0);
+            let (font, top) = (FontId::proportional(10.0), egui::Order::Foreground);
+            let layer = egui::LayerId::new(top, egui::Id::new("notice"));
+            ui.ctx().layer_painter(layer).text(at, Align2::CENTER_TOP, NOTICE, font, FAINT);
         }
         if let Some(rect) = shown.presets {
             row(ui, rect, |ui| slice_row(ui, model, commands));

@@ -12,7 +12,7 @@ use std::sync::Arc;
 use egui::ViewportId;
 use glam::DVec3;
 
-use super::action::{ActionQueue, Colouring, Export, Request, WallView};
+use super::action::{Action, ActionQueue, Colouring, Export, Request, WallView};
 use super::canvas::{Canvas, Target};
 use super::computation::{Computation, Outcome, TaskKind, WorkStatus};
 use super::coverage_recorder::CoverageRecorder;
@@ -22,6 +22,7 @@ use super::keys;
 use super::model::Model;
 use super::opening::{Opening, with_branches};
 use super::panes::{Detail, Panes};
+use super::saved_case::SavedCase;
 use super::session_file::{NotesFile, SessionFile};
 use super::ui::{self, INSIDE, OVERVIEW, UiState};
 use crate::flight::Frames;
@@ -34,7 +35,7 @@ use notes::Files;
 /// Volume that is opened, its settings, and folders of files.
 #[derive(Clone, Debug)]
 pub struct ViewerOptions {
-    /// The volume; `None` where one is opened later.
+    /// The volumes; `None` where some are opened later.
     pub source: Option<Source>,
     /// Choice of the lumen and settings of each stage.
     pub settings: Settings,
@@ -174,6 +175,10 @@ impl Viewer {
     fn compute(&mut self, opening: Opening) -> Result<(), AppError> {
         let Opening { source, settings, .. } = opening;
         self.options.settings = settings.clone();
+        let has_files = |source: &&Source| SavedCase::of(source, None).is_some();
+        if let Some(source) = source.as_ref().filter(has_files) {
+            self.options.source = Some(source.clone());
+        }
         let settings = with_branches(settings);
         match (&mut self.computation, source) {
             (Some(computation), source) => {
@@ -364,12 +369,19 @@ impl Viewer {
         if let Some([width, height]) = sizes.inside {
             self.model.set_aspect(width as f32 / height as f32);
         }
-        let bookmarks = self.model.bookmarks.len();
         self.model.step(dt, &commands.actions);
         self.record_coverage(sizes.inside.is_some());
         self.look_behind(gpu)?;
+        let notes_place = commands.actions.iter().any(|a| matches!(a, Action::Bookmark(_)));
+        let wants_view = commands.requests.contains(&Request::Export(Export::View));
+        if (notes_place || wants_view) && sizes.inside.is_none() {
+            // Not shown, but its picture is asked for.
+            const COLUMNS: f32 = 640.0;
+            let rows = (COLUMNS / self.model.aspect).clamp(64.0, 1024.0);
+            sizes.inside = Some([COLUMNS as u32, rows as u32]);
+        }
         self.panes.draw(gpu, &self.model, (sizes.inside, sizes.overview), self.detail)?;
-        if self.model.bookmarks.len() > bookmarks {
+        if notes_place {
             self.picture_bookmark(gpu)?;
         }
         for request in &commands.requests {
@@ -379,12 +391,19 @@ impl Viewer {
         }
         let scale = output.pixels_per_point;
         let primitives = self.context.tessellate(output.shapes, scale);
-        let (inside, overview) = (self.panes.inside(), self.panes.overview());
+        let inside = (self.panes.inside(), self.panes.is_inside_fine());
+        let overview = (self.panes.overview(), false);
         let pane = |id| match id {
             INSIDE => Some(inside),
             OVERVIEW => Some(overview),
             _ => None,
         };
+        if commands.requests.contains(&Request::Export(Export::Window)) {
+            let size = self.context.content_rect().size() * scale;
+            let size = [size.x, size.y].map(|s| s.round().max(1.0) as u32);
+            let picture = self.canvas.picture(gpu, size, (primitives.clone(), scale), pane)?;
+            self.export_window(size, &picture);
+        }
         self.canvas.draw(gpu, target, (primitives, scale), pane, send)?;
         let delay = output
             .viewport_output
@@ -437,7 +456,10 @@ impl Viewer {
                 Request::OpenKept(path) => self.open_session(gpu, path, false)?,
                 Request::TakeKept => self.take_kept_notes(),
                 Request::LeaveKept => self.leave_kept_notes(),
-                Request::Branch(branch) => self.plan_branch(FlightRoute::Leaf(*branch))?,
+                Request::Branch(branch) => {
+                    self.model.give_up_way();
+                    self.plan_branch(FlightRoute::Leaf(*branch))?;
+                }
                 Request::FlyThrough(place) => {
                     if let Some(route) = self.model.set_out_through_tree(DVec3::from(*place)) {
                         self.plan_branch(route)?;

@@ -74,7 +74,9 @@ fn patches(c: &CoverageReport) -> Markup {
                     }
                 } }
             } }
-            @if hidden > 0 { p { "And " (hidden) " more, which " code { "report.json" } " lists." } }
+            @if hidden > 0 { p {
+                "And " (hidden) " smaller ones: the window lists them, and the " code { "report.json" } " of a run."
+            } }
         }
         @if c.smaller_patches > 0 {
             p class="faint" {

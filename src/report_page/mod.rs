@@ -178,7 +178,7 @@ fn limits() -> Markup {
                 li { "A radius is that of the largest sphere about a point of the path that lies in the lumen. A place is narrow against the widest radii on both sides of it; none below the size of a voxel, or narrower by less than half of it, is listed. An area is that of the section across the path; at the mouth of a branch it holds part of the branch. There is none where the plane runs along the lumen." }
                 li { "Wall counts as seen when it was inside a frame and nothing stood between. That it was seen by the program does not mean that somebody looked at it." }
                 li { "A wall can only be where the scan shows one: thin folds, collapsed stretches and residue change lumen, path and coverage. Nothing here looks for lesions." }
-                li { "The page holds no name of a file and no text of the scan. All its figures are in " code { "report.json" } " too, unrounded." }
+                li { "The page holds no name of a file and no text of the scan. A run has all its figures in " code { "report.json" } " too, unrounded." }
             }
         }
     }

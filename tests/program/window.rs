@@ -824,6 +824,26 @@ fn a_session_file_alone_opens_its_volume_and_a_lumen_that_no_window_can_choose()
 }
 
 #[test]
+fn the_window_is_exported_as_it_is_seen_with_findings_as_a_table() {
+    if common::gpu(intima::vk::Validate::Off).is_none() {
+        return;
+    }
+    let tmp = folder();
+    play_alone(
+        tmp.path(),
+        &["mask.nrrd"],
+        r#"{"wait": "complete"}, {"wait": "levels"}, {"do": {"bookmark": "fold, \"high\""}},
+        {"do": {"measure": "length"}}, {"do": {"mark": [10, 20, 30]}},
+        {"do": {"mark": [10, 20, 37]}}, {"frames": 2}, {"picture": "seen"},
+        {"do": {"export": "window"}}, {"do": {"export": "findings"}}"#,
+    );
+    let read = |name: &str| intima::formats::read_png(&tmp.path().join(name)).unwrap();
+    assert!(read("out/seen.png") == read("out/mask-window-1.png"));
+    let table = std::fs::read_to_string(tmp.path().join("out/mask-findings-1.csv")).unwrap();
+    assert!(table.contains("\r\n1,\"fold, \"\"high\"\"\",,0.00,"), "{table}");
+}
+
+#[test]
 fn notes_of_no_file_are_kept_offered_and_taken_with_their_pictures() {
     if common::gpu(intima::vk::Validate::Off).is_none() {
         return;

@@ -3,6 +3,7 @@
 
 use super::super::action::Action;
 use super::super::measure::Measurement;
+use super::super::session_file::AddedNotes;
 use super::{Bookmark, Model};
 
 /// Most changes that can be taken back.
@@ -92,6 +93,18 @@ impl History {
         self.gesture = Some(change).filter(|change| change.is_gesture());
     }
 
+    /// Whether a gesture goes on.
+    pub(super) fn is_in_gesture(&self) -> bool {
+        self.gesture.is_some()
+    }
+
+    /// Adds notes that came from elsewhere to all states: to undo a change does not take them away.
+    pub(super) fn add(&mut self, added: &AddedNotes) {
+        for (_, noted) in self.before.iter_mut().chain(&mut self.undone) {
+            added.put_into(&mut noted.bookmarks, &mut noted.measurements);
+        }
+    }
+
     /// Ends a gesture that none of a frame's actions belongs to.
     pub(super) fn end_of_frame(&mut self, actions: &[Action]) {
         let goes_on = actions.iter().any(|a| Change::of(a) == self.gesture);
@@ -147,7 +160,8 @@ impl Model {
 
     fn restore_noted(&mut self, noted: Noted) {
         self.history.gesture = None;
-        self.selected = self.selected.filter(|i| *i < noted.bookmarks.len());
+        let selected = self.selected.and_then(|i| self.bookmarks.get(i)).map(|b| b.id);
+        self.selected = noted.bookmarks.iter().position(|b| Some(b.id) == selected);
         let Noted { bookmarks, measurements, rectum_at_start, window } = noted;
         (self.bookmarks, self.measurements, self.window) = (bookmarks, measurements, window);
         self.restore_ends(rectum_at_start);

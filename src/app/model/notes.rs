@@ -7,7 +7,7 @@ use glam::{DVec3, Quat};
 use super::super::action::FOV_DEG;
 use super::super::finding::{FindingEdit, OWN_REACH_MM};
 use super::super::measure::Measurement;
-use super::super::session_file::AddedNotes;
+use super::super::session_file::{AddedNotes, content_id};
 use super::{Bookmark, Model};
 use crate::flight::{Coverage, LISTED_FROM_MM2};
 use crate::geometry::{Mesh, Pose};
@@ -93,23 +93,23 @@ impl Model {
 
     /// Takes notes in that came from elsewhere, and are in a file already.
     pub(in super::super) fn add_notes(&mut self, added: &AddedNotes) {
-        let mut new_ids = BTreeMap::new();
-        for bookmark in &added.bookmarks {
-            let is_taken = self.bookmarks.iter().any(|b| b.id == bookmark.id);
-            let id = if bookmark.id == 0 || is_taken { self.free_id() } else { bookmark.id };
-            new_ids.insert(bookmark.id, id);
-            self.bookmarks.push(Bookmark { id, ..bookmark.clone() });
-        }
-        for measurement in &added.measurements {
-            let finding = measurement.finding.map(|id| *new_ids.get(&id).unwrap_or(&id));
-            self.measurements.push(Measurement { finding, ..measurement.clone() });
-        }
+        added.put_into(&mut self.bookmarks, &mut self.measurements);
+        self.history.add(added);
         self.notes_changed();
     }
 
-    /// A number that no noted place has.
-    fn free_id(&self) -> u64 {
-        self.bookmarks.iter().map(|b| b.id).max().unwrap_or(0).saturating_add(1)
+    /// A number for a note: of what it says, so that two windows choose the same only of the same, and
+    /// none that another note has.
+    fn new_id(&self, says: &impl serde::Serialize) -> u64 {
+        let mut id = content_id(says, self.notes_version);
+        let is_taken = |id: u64| {
+            self.bookmarks.iter().any(|b| b.id == id)
+                || self.measurements.iter().any(|m| m.id == id)
+        };
+        while id == 0 || is_taken(id) {
+            id += 1;
+        }
+        id
     }
 
     pub(super) fn mark(&mut self, p: DVec3, in_slice: bool) {
@@ -117,7 +117,9 @@ impl Model {
         self.marks_mm.push(p);
         if let Some(done) = Measurement::of(ruler, &self.marks_mm) {
             let finding = self.finding_at(&self.marks_mm);
-            self.measurements.push(Measurement { in_slice, finding, ..done });
+            let done = Measurement { in_slice, finding, ..done };
+            let id = self.new_id(&done);
+            self.measurements.push(Measurement { id, ..done });
             // The next click is for something else.
             self.ruler = None;
             self.marks_mm.clear();
@@ -134,7 +136,8 @@ impl Model {
 
     /// Forgets a noted place, with what was measured of it.
     pub(super) fn remove_bookmark(&mut self, i: usize) {
-        let id = self.bookmarks.remove(i).id;
+        let Bookmark { id, text, .. } = self.bookmarks.remove(i);
+        self.message = Some(format!("deleted: {text}; Ctrl + Z brings it back"));
         self.measurements.retain(|m| m.finding != Some(id));
         self.selected = None;
         self.notes_changed();
@@ -196,7 +199,7 @@ impl Model {
         self.notes_changed();
         // The list may be scrolled away, or another pane fill the window.
         self.message = Some(format!("bookmark {}: {text}", self.bookmarks.len() + 1));
-        self.bookmarks.push(Bookmark {
+        let noted = Bookmark {
             text,
             position_mm: pose.position_mm.as_dvec3().to_array(),
             rotation: pose.rotation.as_dquat().to_array(),
@@ -204,12 +207,14 @@ impl Model {
             arc_mm: self.on_path.then_some(self.arc_mm),
             picture: None,
             png: None,
-            id: self.free_id(),
+            id: 0,
             wall_mm: self.wall_ahead(),
             segment: None,
             shape: None,
             confidence: None,
-        });
+        };
+        let id = self.new_id(&noted);
+        self.bookmarks.push(Bookmark { id, ..noted });
         self.selected = Some(self.bookmarks.len() - 1);
     }
 
@@ -220,7 +225,7 @@ impl Model {
         let position_mm = DVec3::from(b.position_mm).as_vec3();
         self.fov_deg = b.fov_deg.clamp(*FOV_DEG.start(), *FOV_DEG.end());
         self.playing = false;
-        match b.arc_mm {
+        match self.arc_of(&b) {
             Some(arc) => self.seek(arc),
             None => {
                 self.on_path = false;
@@ -232,15 +237,11 @@ impl Model {
     /// Returns the missed patches of [`LISTED_FROM_MM2`] or more in the order of the path; `None` before
     /// the coverage is known.
     pub fn missed_in_order(&self) -> Option<Vec<MissedPlace>> {
-        let (coverage, wall) = (self.products.coverage.as_ref()?, self.products.wall.as_ref()?);
-        let path = self.path.as_ref()?;
+        let (coverage, path) = (self.products.coverage.as_ref()?, self.path.as_ref()?);
         let mut unseen_mm2 = vec![0.0; coverage.patches.len()];
-        for (face, patch) in coverage.patch_of_face.iter().enumerate() {
-            let Some(area) = patch.and_then(|p| unseen_mm2.get_mut(p.get() as usize - 1)) else {
-                continue;
-            };
-            if !self.seen.faces.get(face).copied().unwrap_or(false) {
-                *area += 0.5 * f64::from(wall.mesh.face_cross(wall.mesh.faces[face]).length());
+        for (face, patch, area_mm2) in &self.missed_faces {
+            if !self.seen.faces.get(*face as usize).copied().unwrap_or(false) {
+                unseen_mm2[*patch as usize] += f64::from(*area_mm2);
             }
         }
         let of = |(patch, unseen): (usize, f64)| MissedPlace {
@@ -254,6 +255,19 @@ impl Model {
         places.retain(|p| p.area_mm2 >= LISTED_FROM_MM2);
         places.sort_by(|a, b| a.arc_mm.total_cmp(&b.arc_mm).then(a.patch.cmp(&b.patch)));
         Some(places)
+    }
+
+    /// Returns the faces of the missed patches, each with its patch and its area, mm².
+    pub(super) fn faces_of_patches(&self) -> Vec<(u32, u32, f32)> {
+        let (Some(coverage), Some(wall)) = (&self.products.coverage, &self.products.wall) else {
+            return Vec::new();
+        };
+        let of = |(face, patch): (usize, &Option<std::num::NonZeroU32>)| {
+            let patch = patch.as_ref()?.get() - 1;
+            let area = 0.5 * wall.mesh.face_cross(wall.mesh.faces[face]).length();
+            ((patch as usize) < coverage.patches.len()).then_some((face as u32, patch, area))
+        };
+        coverage.patch_of_face.iter().enumerate().filter_map(of).collect()
     }
 
     /// Moves the eye to the next patch along the path that was not shown since, or to the one before;
@@ -325,6 +339,7 @@ mod tests {
         let center_mm = centre.as_dvec3() + DVec3::X;
         coverage.patches = vec![MissedPatch { area_mm2, center_mm, arc_mm: 0.0, faces: 1 }];
         model.products.coverage = Some(Arc::new(coverage));
+        model.missed_faces = model.faces_of_patches();
         model.step(0.0, &[Action::NextMissed]);
         let missed = model.missed.clone().expect("a patch of half the wall");
         let mut ends = BTreeMap::new();

@@ -40,15 +40,22 @@ impl Model {
             self.arrive_at(place);
             return None;
         }
-        self.way_goes_on_to = Some(place);
-        Some(FlightRoute::Leaf(branch))
+        // The trunk's ends have names.
+        let route = if branch == 0 { FlightRoute::Trunk } else { FlightRoute::Leaf(branch) };
+        self.way_goes_on_to = Some((route, place));
+        Some(route)
     }
 
-    /// Flies on to the place that the branch was taken for.
-    pub(super) fn go_on_along_branch(&mut self) {
-        if let Some(place) = self.way_goes_on_to.take() {
+    /// Flies on to the place that a route was taken for.
+    pub(super) fn go_on_along(&mut self, route: FlightRoute) {
+        if let Some((_, place)) = self.way_goes_on_to.take_if(|(wanted, _)| *wanted == route) {
             self.arrive_at(place);
         }
+    }
+
+    /// Goes nowhere else: another branch was chosen, or there is no flight along that one.
+    pub(in super::super) fn give_up_way(&mut self) {
+        self.way_goes_on_to = None;
     }
 
     fn arrive_at(&mut self, place: DVec3) {

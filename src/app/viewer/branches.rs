@@ -17,6 +17,7 @@ impl Viewer {
                 Err(e) => {
                     model.message = Some(format!("no flight along that branch: {e}"));
                     model.give_up_branch();
+                    model.give_up_way();
                 }
             })
         })

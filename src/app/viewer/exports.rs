@@ -38,6 +38,14 @@ impl Viewer {
         Ok(())
     }
 
+    /// Writes a picture of the window, RGB.
+    pub(super) fn export_window(&mut self, [width, height]: [u32; 2], rgb: &[u8]) {
+        let name = export::free_name(&self.options.export, &self.file_stem("window"), "png");
+        let png = encode_png(width, height, rgb);
+        let written = export::write(&self.options.export, &name, &png);
+        self.show_written(written.map(|path| wrote(&path)));
+    }
+
     /// Writes the page of the report, with the notes as they are now, beside those written before.
     pub(super) fn export_report(&mut self) -> Result<(), SessionError> {
         let notes = Notes::of(&self.model, self.beside_notes().map(|f| f.0));

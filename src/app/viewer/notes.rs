@@ -9,6 +9,7 @@ use super::super::action::Request;
 use super::super::error::AppError;
 use super::super::export;
 use super::super::kept_notes::{KeptNotes, KeptOffer};
+use super::super::model::Bookmark;
 use super::super::opening::{Opening, SavedLumen};
 use super::super::panes::Detail;
 use super::super::saved_case::SavedCase;
@@ -20,6 +21,9 @@ use crate::vk::Gpu;
 
 /// Least time between two times that the place of the eye alone is kept.
 const KEEP_PLACE: Duration = Duration::from_secs(2);
+
+/// Longest time that a drag keeps its notes from being saved.
+const GESTURE: Duration = Duration::from_millis(500);
 
 /// Notes of the viewer as files.
 #[derive(Default)]
@@ -210,9 +214,25 @@ impl Viewer {
                 let opening = Opening::of_case(source, &self.options.settings);
                 self.open(gpu, opening)
             }
+            None if !is_users => {
+                self.model.message = Some("this scan is open already".into());
+                Ok(())
+            }
             None => {
+                // What is noted now is kept, and offered beside the notes of the file.
+                self.leave_volume();
+                let lumen = file.lumen.clone();
                 (self.files.own, self.files.waiting) = (own, Some(file));
-                self.apply_notes(gpu)
+                let settings = &self.options.settings;
+                match lumen.filter(|lumen| SavedLumen::of(&settings.lumen).as_ref() != Some(lumen))
+                {
+                    Some(lumen) if !self.is_lumen_open() => {
+                        let session = self.computation.as_ref().map(|c| &*c.session);
+                        let opening = Opening::of_saved(&lumen, session, settings);
+                        self.open(gpu, opening)
+                    }
+                    _ => self.apply_notes(gpu),
+                }
             }
         }
     }
@@ -237,8 +257,11 @@ impl Viewer {
                 | Request::Series(_)
                 | Request::Segment(_)
         );
-        let leaves_notes = self.model.has_unsaved_notes() && self.files.own.is_none();
-        let loses_flight = self.is_saving() && !matches!(request, Request::OpenSession(_));
+        if leaves && self.files.own.is_some() && self.model.has_unsaved_notes() {
+            let saved = self.save_session();
+            saved.err().iter().for_each(|e| tracing::error!("bookmarks are not saved: {e}"));
+        }
+        let (leaves_notes, loses_flight) = (self.model.has_unsaved_notes(), self.is_saving());
         // Nobody answers a script.
         if !leaves || !(leaves_notes || loses_flight) || self.detail == Detail::Settled {
             return false;
@@ -257,16 +280,24 @@ impl Viewer {
 
     /// Saves notes, with their pictures, to a file from now on; whether they are saved.
     pub(super) fn save_as(&mut self, path: PathBuf) -> bool {
-        let before = self.beside_notes().map(|(folder, _)| folder.to_owned());
-        self.files.own = Some(NotesFile::replacing(path.clone()));
-        for i in 0..self.model.bookmarks.len() {
-            let picture = export::picture(&self.model.bookmarks[i], before.as_deref());
+        let folder = self.beside_notes().map(|(folder, _)| folder.to_owned());
+        let own = self.files.own.replace(NotesFile::replacing(path.clone()));
+        let names: Vec<_> = self.model.bookmarks.iter().map(|b| b.picture.clone()).collect();
+        for i in 0..names.len() {
+            let picture = export::picture(&self.model.bookmarks[i], folder.as_deref());
             if let Some(picture) = picture {
                 self.model.bookmarks[i].picture = self.write_picture(&picture.png);
             }
         }
         let saved = self.save_session();
         let is_saved = saved.is_ok();
+        if !is_saved {
+            // The file before goes on being the one.
+            self.files.own = own;
+            for (b, name) in self.model.bookmarks.iter_mut().zip(names) {
+                b.picture = name;
+            }
+        }
         self.show_written(saved.map(|()| wrote(&path)));
         is_saved
     }
@@ -279,6 +310,10 @@ impl Viewer {
 
     /// Keeps the inside view as the picture of the bookmark made last, beside the notes.
     pub(super) fn picture_bookmark(&mut self, gpu: &mut Gpu) -> Result<(), AppError> {
+        let has_picture = |b: &Bookmark| b.png.is_some() || b.picture.is_some();
+        if self.model.bookmarks.last().is_none_or(has_picture) {
+            return Ok(());
+        }
         let Some(png) = self.inside_png(gpu)? else { return Ok(()) };
         let picture = self.write_picture(&png);
         if let Some(b) = self.model.bookmarks.last_mut() {
@@ -308,6 +343,11 @@ impl Viewer {
     /// # Errors
     /// [`AppError::Format`]; then they are still to be saved.
     pub fn save_notes(&mut self) -> Result<(), AppError> {
+        // Not in each frame of a drag.
+        let written = self.files.is_kept.as_ref().map(|(_, when)| when.elapsed());
+        if self.model.is_in_gesture() && written.is_some_and(|since| since < GESTURE) {
+            return Ok(());
+        }
         let kept = self.keep_notes(false);
         if self.model.has_unsaved_notes() {
             self.save_session()?;
@@ -411,7 +451,7 @@ impl Viewer {
     /// * `folder`: that of the file.
     fn session_file(&self, folder: Option<&Path>) -> Option<SessionFile> {
         let file = SessionFile::of(&self.model).filter(|_| self.files.waiting.is_none())?;
-        let source = self.computation.as_ref().map(|c| c.session.source());
+        let source = self.options.source.as_ref().filter(|_| self.computation.is_some());
         let lumen = SavedLumen::of(&self.options.settings.lumen);
         let case = source.and_then(|source| SavedCase::of(source, folder));
         Some(SessionFile { lumen, case, ..file })

@@ -16,7 +16,7 @@ impl Viewer {
 
     /// Begins the name of an exported file with that of the case, so that no two cases are mixed up.
     pub(super) fn file_stem(&self, kind: &str) -> String {
-        let name = self.computation.as_ref().and_then(|c| file_name(c.session.source()));
+        let name = self.options.source.as_ref().and_then(file_name);
         let case = name.as_deref().map(without_extensions).filter(|case| !case.is_empty());
         case.map_or(kind.into(), |case| format!("{case}-{kind}"))
     }
