@@ -55,7 +55,7 @@ pub(super) fn opened(ui: &Ui, dialogs: &mut Dialogs, commands: &mut ActionQueue)
 }
 
 /// Said of notes that are in no file of the user's.
-const NOTES_KEPT: &str = "Bookmarks and measurements are in no file of yours yet. They are kept, and \
+const NOTES_KEPT: &str = "Findings and measurements are in no file of yours yet. They are kept, and \
     offered when this scan is opened again.";
 
 /// Asks what becomes of notes that no file has, and of a flight that is being saved.
@@ -73,7 +73,7 @@ pub(super) fn ask_to_save(
         if has_notes {
             ui.label(match model.are_notes_kept {
                 true => NOTES_KEPT,
-                false => "Bookmarks and measurements are not saved.",
+                false => "Findings and measurements are not saved.",
             });
         }
         if model.leaves_flight {

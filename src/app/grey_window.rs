@@ -55,7 +55,6 @@ pub(super) fn slice_row(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) 
         presets(ui, model, commands);
         ui.separator();
         extents(ui, model, commands);
-        ui.separator();
         slabs(ui, model, commands);
     }
 }

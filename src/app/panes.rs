@@ -429,7 +429,39 @@ fn halved(pixels: &[[u8; 3]], width: usize) -> Vec<u8> {
 
 #[cfg(test)]
 mod tests {
-    use super::halved;
+    use super::super::action::Action;
+    use super::super::model::flown_model;
+    use super::*;
+    use crate::vk::Choice;
+    use crate::volume::phantom::Kind;
+
+    #[test]
+    fn a_view_that_rests_is_drawn_with_four_samples_and_one_that_moves_with_one() {
+        let Ok(mut gpu) = Gpu::open(Choice::Any) else {
+            assert!(std::env::var_os("INTIMA_REQUIRE_GPU").is_none(), "a device");
+            return;
+        };
+        let (mut model, session) = flown_model(Kind::Bend, |_| {});
+        model.products.prepared_wall = Some(session.prepared_wall().unwrap());
+        let mut panes = Panes::new(&mut gpu, 1).unwrap();
+        panes.take(&mut gpu, &model.products).unwrap();
+        let size = [64, 48];
+        let mut draw = |panes: &mut Panes, model: &Model| {
+            panes.draw(&mut gpu, model, (Some(size), None), Detail::Live).unwrap();
+            (panes.is_inside_fine(), panes.inside_picture(&mut gpu).unwrap())
+        };
+        let (is_fine, moving) = draw(&mut panes, &model);
+        assert!(!is_fine && panes.is_settling());
+        std::thread::sleep(REST);
+        let (is_fine, rested) = draw(&mut panes, &model);
+        assert!(is_fine && !panes.is_settling());
+        assert!(rested.0 == size && rested != moving, "the same place with more samples");
+        // Nothing is drawn again while it rests.
+        std::thread::sleep(REST);
+        assert_eq!(draw(&mut panes, &model), (true, rested));
+        model.step(0.0, &[Action::Turn([0.2, 0.0, 0.0])]);
+        assert!(!draw(&mut panes, &model).0, "one that moves is not waited for");
+    }
 
     #[test]
     fn a_halved_picture_has_the_means_of_four_pixels() {

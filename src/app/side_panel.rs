@@ -132,7 +132,7 @@ fn kept_notes(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
         return;
     };
     let of = |n: usize, name: &str| format!("{n} {name}{}", if n == 1 { "" } else { "s" });
-    let parts = [(bookmarks, "bookmark"), (measurements, "measurement")];
+    let parts = [(bookmarks, "finding"), (measurements, "measurement")];
     let parts: Vec<_> = parts.iter().filter(|p| p.0 > 0).map(|(n, name)| of(*n, name)).collect();
     let what = format!("Notes of this scan, {}: {}", ago(days), parts.join(", "));
     ui.add(egui::Label::new(what).wrap());

@@ -59,12 +59,12 @@ impl Change {
     /// Returns the name of the change in a message.
     fn name(self) -> &'static str {
         match self {
-            Self::Bookmark => "bookmark",
+            Self::Bookmark => "finding",
             Self::Measurement => "measurement",
             Self::Ends => "ends of the path",
             Self::Point(..) => "point of a measurement",
             Self::Name(_) => "name of a measurement",
-            Self::Finding(_) => "what is said of a bookmark",
+            Self::Finding(_) => "what is said of a finding",
             Self::Window => "grey window",
         }
     }

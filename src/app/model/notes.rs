@@ -198,7 +198,7 @@ impl Model {
         };
         self.notes_changed();
         // The list may be scrolled away, or another pane fill the window.
-        self.message = Some(format!("bookmark {}: {text}", self.bookmarks.len() + 1));
+        self.message = Some(format!("finding {}: {text}", self.bookmarks.len() + 1));
         let noted = Bookmark {
             text,
             position_mm: pose.position_mm.as_dvec3().to_array(),
