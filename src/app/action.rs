@@ -269,6 +269,9 @@ pub enum Action {
     GoToBookmark(usize),
     /// Selects a noted place, by its place in the list: what is measured there is of it.
     SelectFinding(Option<usize>),
+    /// Shows a noted place in the plane of its largest diameter, large, with the window of lungs if the
+    /// volume is a CT, and with the ruler ready.
+    MeasureInSlice(usize),
     /// Changes what is said of a noted place.
     EditFinding(usize, FindingEdit),
     /// Moves the eye to the noted place after the selected one.

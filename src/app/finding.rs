@@ -126,10 +126,14 @@ pub(super) fn sizes(model: &Model, finding: &Bookmark) -> Sizes {
     Sizes { wall_mm: largest(false), slice_mm: largest(true) }
 }
 
+/// The largest length that was measured of a finding.
+pub(super) fn longest<'a>(model: &'a Model, finding: &Bookmark) -> Option<&'a Measurement> {
+    lengths(model, finding).max_by(|a, b| a.value().total_cmp(&b.value()))
+}
+
 /// Place of the lesion, LPS mm: the middle of its largest length, or the wall that the eye looked at.
-fn middle(model: &Model, finding: &Bookmark) -> Option<DVec3> {
-    let longest = lengths(model, finding).max_by(|a, b| a.value().total_cmp(&b.value()));
-    let of_length = longest.map(|m| 0.5 * (m.points()[0] + m.points()[1]));
+pub(super) fn middle(model: &Model, finding: &Bookmark) -> Option<DVec3> {
+    let of_length = longest(model, finding).map(|m| 0.5 * (m.points()[0] + m.points()[1]));
     of_length.or(finding.wall_mm.map(DVec3::from))
 }
 

@@ -5,7 +5,7 @@ use glam::DVec3;
 
 use super::action::{Action, ActionQueue, Export, Request, Ruler};
 use super::finding::{
-    Confidence, FindingEdit, LesionShape, category, distance_mm, mean_value, sizes,
+    Confidence, FindingEdit, LesionShape, category, distance_mm, mean_value, middle, sizes,
 };
 use super::measure::Measurement;
 use super::model::{Bookmark, Model};
@@ -135,10 +135,12 @@ fn said(ui: &mut Ui, model: &Model, i: usize, finding: &Bookmark, commands: &mut
         if measure.on_hover_text("Its diameter, on the wall or in a slice (M)").clicked() {
             commands.act(Action::Measure((!on).then_some(Ruler::Length)));
         }
-        if let Some(wall) = finding.wall_mm
-            && ui.button("Slices").on_hover_text("Show it in the slices").clicked()
-        {
-            commands.act(Action::ShowInSlices(wall));
+        let tip = "Its largest diameter in the large slice: in the plane of the length on the wall, with \
+                   the window of lungs and the ruler ready";
+        let can = middle(model, finding).is_some();
+        let in_slice = ui.add_enabled(can, egui::Button::new("In a slice"));
+        if in_slice.on_hover_text(tip).clicked() {
+            commands.act(Action::MeasureInSlice(i));
         }
         if ui.button("Delete").on_hover_text("Ctrl + Z brings it back").clicked() {
             commands.act(Action::RemoveBookmark(i));

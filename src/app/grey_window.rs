@@ -6,9 +6,12 @@ use super::action::{Action, ActionQueue, SLAB_MM, SlabMode, SliceExtent};
 use super::model::Model;
 use super::style::FAINT;
 
+/// Window in which lesions beside gas are measured: centre and width, Hounsfield units.
+pub(super) const LUNG: [f64; 2] = [-600.0, 1500.0];
+
 /// Presets of a CT by what they show: centre and width, Hounsfield units.
 pub(super) const CT_PRESETS: [(&str, [f64; 2]); 5] = [
-    ("lung", [-600.0, 1500.0]),
+    ("lung", LUNG),
     ("soft tissue", [40.0, 400.0]),
     // Wide enough for folds, polyps and tagged fluid beside gas.
     ("colon", [-200.0, 1500.0]),

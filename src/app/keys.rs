@@ -221,6 +221,7 @@ pub(super) fn help(ui: &Ui, commands: &mut ActionQueue) {
         ("Ctrl + O, Ctrl + S", "open; save the session"),
         ("Ctrl + Z, Ctrl + Shift + Z", "undo, redo: notes, measurements, grey window"),
         ("Escape", "close the dialog, text field, list of keys, ruler or single pane"),
+        ("Ctrl + plus, minus, 0", "size of texts"),
         ("F4", "the panel on the right"),
         ("F1 or ?", "these keys"),
         ("Ctrl + Q", "quit"),

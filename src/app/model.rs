@@ -115,6 +115,9 @@ pub struct Model {
     pub speed_mm_s: f64,
     /// Place where the slices cross, LPS mm.
     pub crosshair_mm: DVec3,
+    /// Plane along a finding, which takes the place of that across the path while the crosshair is
+    /// there.
+    along_finding: Option<Pose>,
     /// Part of the volume that slices show.
     pub extent: SliceExtent,
     /// Number of times that the slices were led to a place: they are centred on it.
@@ -149,6 +152,8 @@ pub struct Model {
     pub bookmarks: Vec<Bookmark>,
     /// Number of the noted place that is looked at, by its place in the list.
     pub selected: Option<usize>,
+    /// Tells the notes of this window from the same ones of another.
+    window_number: u64,
     /// Number of changes of the notes, and of those that the user's file has.
     notes_version: u64,
     saved_version: u64,
@@ -260,8 +265,14 @@ impl Model {
     }
 
     /// Nothing yet but the cases that were opened before.
-    pub(super) fn with_recent(planned_mm_s: f64, recent: Vec<RecentCase>) -> Self {
-        Self { recent, ..Self::new(planned_mm_s) }
+    ///
+    /// * `window_number`: of no other window; scripts have the same notes at each play.
+    pub(super) fn of_window(
+        planned_mm_s: f64,
+        recent: Vec<RecentCase>,
+        window_number: u64,
+    ) -> Self {
+        Self { recent, window_number, ..Self::new(planned_mm_s) }
     }
 
     /// A model of another volume; how the window shows it stays.
@@ -277,6 +288,7 @@ impl Model {
             slab: self.slab,
             slab_mm: self.slab_mm,
             recent: self.recent.clone(),
+            window_number: self.window_number,
             ..Self::new(self.planned_mm_s)
         }
     }
@@ -580,6 +592,7 @@ impl Model {
             Action::Bookmark(text) => self.bookmark(text),
             Action::RemoveBookmark(i) if *i < self.bookmarks.len() => self.remove_bookmark(*i),
             Action::SelectFinding(i) => self.selected = i.filter(|i| *i < self.bookmarks.len()),
+            Action::MeasureInSlice(i) => self.measure_in_slice(*i),
             Action::EditFinding(i, edit) => self.edit_finding(*i, edit),
             Action::NextFinding => self.go_to_finding_beside(1),
             Action::PreviousFinding => self.go_to_finding_beside(-1),

@@ -169,10 +169,10 @@ impl SessionFile {
             id
         };
         for b in self.bookmarks.iter_mut().filter(|b| b.id == 0) {
-            b.id = free(content_id(b, 0));
+            b.id = free(content_id(b, [0; 2]));
         }
         for m in self.measurements.iter_mut().filter(|m| m.id == 0) {
-            m.id = free(content_id(m, 0));
+            m.id = free(content_id(m, [0; 2]));
         }
         self
     }
@@ -257,12 +257,15 @@ fn lacks_note<T: PartialEq>(own: Option<T>, theirs: &T, first: Option<T>) -> boo
     }
 }
 
-/// Number of 48 bits that follows from what a note says, and from one more number. JSON readers keep
+/// Number of 48 bits that follows from what a note says, and from two more numbers. JSON readers keep
 /// whole numbers of so many bits.
-pub(super) fn content_id(says: &impl Serialize, more: u64) -> u64 {
+pub(super) fn content_id(says: &impl Serialize, more: [u64; 2]) -> u64 {
     let text = serde_json::to_vec(says).unwrap_or_default();
     let mut hasher = blake3::Hasher::new();
-    hasher.update(&text).update(&more.to_le_bytes());
+    hasher.update(&text);
+    for number in more {
+        hasher.update(&number.to_le_bytes());
+    }
     let mut bytes = [0; 8];
     bytes[..6].copy_from_slice(&hasher.finalize().as_bytes()[..6]);
     u64::from_le_bytes(bytes)

@@ -325,7 +325,8 @@ fn slice_marks(painter: &egui::Painter, shown: &ShownSlice, model: &Model, under
     missed_mark(painter, model, false, |place| shown.point_in(place));
     measurements(painter, model, |place| shown.point_in(place));
     let mut labels = Labels::new(painter, rect);
-    labels.title(shown.pane.title());
+    let along = (shown.pane == Pane::Across).then(|| model.plane_along_finding()).flatten();
+    labels.title(if along.is_some() { "Along the finding" } else { shown.pane.title() });
     slice_labels(&mut labels, plane, model.window, scale);
     if let Some(place) = under {
         value_under(&mut labels, place, model);

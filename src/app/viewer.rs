@@ -8,6 +8,7 @@ mod title;
 
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use egui::ViewportId;
 use glam::DVec3;
@@ -153,7 +154,7 @@ impl Viewer {
             is_same_volume: false,
         };
         let mut viewer = Self {
-            model: Model::with_recent(planned_mm_s, recent),
+            model: Model::of_window(planned_mm_s, recent, window_number(detail)),
             context,
             ui: UiState::new(detail == Detail::Live),
             panes: Panes::new(gpu, samples)?,
@@ -227,6 +228,7 @@ impl Viewer {
                     Err(SessionError::LumenNotChosen { .. }) => {
                         tracing::info!("the lumen is not chosen yet")
                     }
+                    Err(e) if contents.is_some() => tracing::info!("{e}"),
                     Err(e) => tracing::error!("{e}"),
                 }
                 Box::new(move |model| model.finish(outcome, contents))
@@ -545,6 +547,12 @@ impl Viewer {
     pub fn has_pictures(&self) -> bool {
         self.panes.has_pictures()
     }
+}
+
+/// Number of a window: that of the moment. Scripts have one.
+fn window_number(detail: Detail) -> u64 {
+    let now = || SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_nanos() as u64);
+    if detail == Detail::Live { now() ^ u64::from(std::process::id()).rotate_left(32) } else { 0 }
 }
 
 /// Cruising speed where the flight's frames are counted, mm/s.

@@ -290,7 +290,7 @@ products! {
         "base" 10.0 [Wall] (mode, wall.base_faces) Cpu always run_base;
     /// Coverage of the wall by the frames of the flight, weighted by area.
     pub Coverage coverage: Coverage =
-        "coverage" 5.0 [Wall Flight TriangleTree Exterior] (flight.view) Cpu always run_coverage;
+        "coverage" 60.0 [Wall Flight TriangleTree Exterior] (flight.view) Cpu always run_coverage;
     /// Cross-sections of the lumen along the flight, one a pose.
     pub Sections sections: Vec<Option<SectionFigures>> =
         "sections" 0.5 [Wall TriangleTree Centerline Flight] () Cpu always run_sections;

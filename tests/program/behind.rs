@@ -98,10 +98,12 @@ fn the_window_looks_behind_the_wall_of_a_scan_and_not_of_a_label_map() {
         {"do": {"export": "view"}}]}"#;
     std::fs::write(tmp.path().join("steps.json"), steps).unwrap();
     let script = ["--script", "steps.json", "--frames-out", "out"];
-    let view = |i: u32| std::fs::read(tmp.path().join(format!("out/view-{i}.png"))).unwrap();
     for (input, shows) in
         [(&["scan.nrrd", "--threshold", ":-500"][..], true), (&["mask.nrrd"], false)]
     {
+        let case = input[0].trim_end_matches(".nrrd");
+        let view =
+            |i: u32| std::fs::read(tmp.path().join(format!("out/{case}-view-{i}.png"))).unwrap();
         let done = intima(tmp.path(), &[&["fly"], input, &script].concat());
         assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
         assert_eq!(view(1) != view(2), shows, "{input:?}");

@@ -98,10 +98,9 @@ impl Model {
         self.notes_changed();
     }
 
-    /// A number for a note: of what it says, so that two windows choose the same only of the same, and
-    /// none that another note has.
+    /// A number for a note that no other has, here or in another window.
     fn new_id(&self, says: &impl serde::Serialize) -> u64 {
-        let mut id = content_id(says, self.notes_version);
+        let mut id = content_id(says, [self.notes_version, self.window_number]);
         let is_taken = |id: u64| {
             self.bookmarks.iter().any(|b| b.id == id)
                 || self.measurements.iter().any(|m| m.id == id)

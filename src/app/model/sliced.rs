@@ -1,8 +1,10 @@
 //! Places and extents of the slices and the overview.
 
-use glam::{DVec3, IVec3, Vec3};
+use glam::{DMat3, DQuat, DVec3, IVec3, Vec3};
 
-use super::super::action::{EXTENT_MM, Pane, SliceExtent};
+use super::super::action::{EXTENT_MM, Pane, Ruler, SliceExtent};
+use super::super::finding::{longest, middle};
+use super::super::grey_window::{LUNG, is_hounsfield};
 use super::Model;
 use crate::geometry::Pose;
 use crate::lumen::Lumen;
@@ -45,6 +47,9 @@ impl Model {
     /// Returns the pose whose picture lies in the slice across the path: at the crosshair, along the
     /// path there, wherever the eye looks. Before there is a path it is the eye's.
     pub fn across_pose(&self) -> Option<Pose> {
+        if let Some(along) = self.plane_along_finding() {
+            return Some(along);
+        }
         let (pose, place) = (self.pose?, self.crosshair_mm);
         let Some(path) = &self.path else { return Some(pose) };
         let is_at_eye = self.on_path && place == pose.position_mm.as_dvec3();
@@ -53,6 +58,37 @@ impl Model {
             false => (path.nearest_to(place), path.direction_near(place)?),
         };
         Some(Pose::looking(place.as_vec3(), along.as_vec3(), path.pose_at(arc).up()))
+    }
+
+    /// Returns the pose whose picture lies in the plane along a finding, while the slices are there.
+    pub fn plane_along_finding(&self) -> Option<Pose> {
+        self.along_finding.filter(|pose| pose.position_mm == self.crosshair_mm.as_vec3())
+    }
+
+    /// Leads the large slice to a finding, in the plane of its largest diameter and of the way from the
+    /// eye to the wall. Without a length the plane is that across the middle of the view.
+    pub(super) fn measure_in_slice(&mut self, i: usize) {
+        let Some(finding) = self.bookmarks.get(i).cloned() else { return };
+        let Some(place) = middle(self, &finding) else { return };
+        let rotation = DQuat::from_array(finding.rotation);
+        let ends = longest(self, &finding).map(|m| m.points()[1] - m.points()[0]);
+        let right = ends.unwrap_or(rotation * DVec3::X).normalize_or(DVec3::X);
+        let ahead = place - DVec3::from(finding.position_mm);
+        let down = ahead.reject_from_normalized(right).normalize_or(right.any_orthonormal_vector());
+        // Columns of the pose: right, up, and towards the viewer.
+        let turn = DMat3::from_cols(right, -down, right.cross(-down));
+        let rotation = DQuat::from_mat3(&turn).as_quat().normalize();
+        self.show_in_slices(place);
+        // The crosshair is where the pose is, in single precision.
+        let position_mm = place.as_vec3();
+        self.crosshair_mm = position_mm.as_dvec3();
+        self.along_finding = Some(Pose { position_mm, rotation });
+        self.selected = Some(i);
+        (self.large_slice, self.ruler) = (Pane::Across, Some(Ruler::Length));
+        self.maximised = None;
+        if is_hounsfield(self.value_range()) {
+            self.window = LUNG;
+        }
     }
 
     pub(super) fn set_extent(&mut self, extent: SliceExtent) {
@@ -122,6 +158,7 @@ pub(in crate::app) mod tests {
 
     use super::*;
     use crate::app::action::Action;
+    use crate::app::slices::SlicePlane;
     use crate::session::{Product, Session, Settings, Source, VolumeSource};
     use crate::volume::phantom::{Kind, Phantom};
 
@@ -148,6 +185,35 @@ pub(in crate::app) mod tests {
         let mut model = Model::new(20.0);
         model.update(session.products(&wanted));
         (model, session)
+    }
+
+    #[test]
+    fn a_finding_is_measured_in_the_plane_of_its_largest_diameter() {
+        let (mut model, _session) = flown_model(Kind::Tube, |_| {});
+        model.step(0.0, &[Action::Bookmark("polyp".into())]);
+        let at = DVec3::from(model.bookmarks[0].wall_mm.unwrap());
+        let ends = [at + DVec3::new(3.0, 1.0, 0.5), at - DVec3::new(2.5, 1.5, 0.0)];
+        let marks = ends.map(|p| Action::Mark(p.to_array()));
+        model.step(0.0, &[Action::Measure(Some(Ruler::Length))]);
+        model.step(0.0, &marks);
+        model.step(0.0, &[Action::MeasureInSlice(0)]);
+        let plane =
+            SlicePlane::of(Pane::Across, model.crosshair_mm, 0.2, model.across_pose()).unwrap();
+        let off = ends.map(|p| plane.px(p, [200, 200]).1.abs());
+        assert!(off.iter().all(|mm| *mm < 1e-3), "both ends lie in it: {off:?}");
+        assert_eq!((model.large_slice, model.ruler), (Pane::Across, Some(Ruler::Length)));
+        // The lumen is above the wall.
+        let eye = plane.px(DVec3::from(model.bookmarks[0].position_mm), [200, 200]).0;
+        assert!(eye[1] < 100.0, "{eye:?}");
+        // A length measured there is its size in a slice.
+        model.step(
+            0.0,
+            &[Action::MarkInSlice(ends[0].to_array()), Action::MarkInSlice(ends[1].to_array())],
+        );
+        assert!(model.measurements[1].in_slice && model.measurements[1].finding.is_some());
+        // Elsewhere it is the plane across the path again.
+        model.step(0.0, &[Action::Crosshair([0.0; 3])]);
+        assert!(model.plane_along_finding().is_none());
     }
 
     #[test]
