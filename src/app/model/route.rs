@@ -3,6 +3,7 @@
 
 use glam::DVec3;
 
+use super::super::junctions::BranchChoice;
 use super::super::slices::side_letters;
 use super::Model;
 use crate::flight::FlightPath;
@@ -21,8 +22,8 @@ pub struct WayTo {
     pub arc_mm: f64,
     /// From there to the place, mm.
     pub beside_mm: f64,
-    /// Places on the way where it leaves one branch for another: millimetres along the path, and the
-    /// sides of the patient that it turns to.
+    /// Branchings on the way: millimetres along the path, and the sides of the patient that it turns
+    /// to.
     pub turns: Vec<(f64, String)>,
     /// Least diameter of the lumen on the way, mm, and where.
     pub narrowest: (f64, f64),
@@ -60,10 +61,7 @@ impl Model {
 
     fn arrive_at(&mut self, place: DVec3) {
         self.look_at(place);
-        self.way = self.path.as_ref().map(|path| {
-            let line = self.products.centerline.as_ref().map(|c| &c.line);
-            way_to(path, line, self.route, place)
-        });
+        self.way = self.path.as_ref().map(|path| way_to(path, &self.choices, place));
     }
 }
 
@@ -74,43 +72,36 @@ fn nearest_in_tree(line: &Centerline, place: DVec3) -> Option<(usize, DVec3)> {
     points.min_by(|a, b| a.1.distance_squared(place).total_cmp(&b.1.distance_squared(place)))
 }
 
-fn way_to(path: &FlightPath, line: Option<&Centerline>, route: FlightRoute, place: DVec3) -> WayTo {
+fn way_to(path: &FlightPath, choices: &[BranchChoice], place: DVec3) -> WayTo {
     let arc_mm = path.nearest_to(place);
     let there = path.pose_at(arc_mm).position_mm.as_dvec3();
     let before = path.arcs_mm().iter().zip(&path.radius_mm).filter(|(arc, _)| **arc <= arc_mm);
     let narrowest = before.min_by(|a, b| a.1.total_cmp(b.1)).map(|(arc, r)| (2.0 * r, *arc));
-    let turns = line.map(|line| turns(path, line, route, arc_mm)).unwrap_or_default();
-    let narrowest = narrowest.unwrap_or_default();
+    let (turns, narrowest) = (turns(path, choices, arc_mm), narrowest.unwrap_or_default());
     WayTo { place_mm: place, arc_mm, beside_mm: there.distance(place), turns, narrowest }
 }
 
-/// Where the flown branch leaves the one before, from the root on.
-fn turns(
-    path: &FlightPath,
-    line: &Centerline,
-    route: FlightRoute,
-    to_mm: f64,
-) -> Vec<(f64, String)> {
-    /// Way behind a turn over which its direction is taken, mm.
+/// The branchings before a place of the path, with the sides of the patient that the path turns to.
+fn turns(path: &FlightPath, choices: &[BranchChoice], to_mm: f64) -> Vec<(f64, String)> {
+    /// Way behind a branching over which the direction is taken, mm.
     const BEHIND_MM: f64 = 8.0;
-    let FlightRoute::Leaf(mut branch) = route else { return Vec::new() };
-    let mut found = Vec::new();
-    while let Some(start) = line.branches[branch].start {
-        let from = line.branches[start.branch].points[start.point].position_mm;
-        let arc = path.nearest_to(from);
-        let behind = path.pose_at(arc + BEHIND_MM).position_mm.as_dvec3();
-        let direction = (behind - from).normalize_or_zero();
-        if arc <= to_mm {
-            found.push((arc, side_letters(direction)));
+    /// Branches that leave nearer to each other do so at one place.
+    const ONE_PLACE_MM: f64 = 2.0;
+    let mut found: Vec<(f64, String)> = Vec::new();
+    for choice in choices.iter().filter(|choice| choice.arc_mm <= to_mm) {
+        let arc = choice.arc_mm;
+        if found.last().is_some_and(|(last, _)| arc - last < ONE_PLACE_MM) {
+            continue;
         }
-        branch = start.branch;
+        let [from, behind] = [arc, arc + BEHIND_MM].map(|arc| path.pose_at(arc).position_mm);
+        found.push((arc, side_letters((behind - from).as_dvec3().normalize_or_zero())));
     }
-    found.reverse();
     found
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::super::junctions::choices;
     use super::super::super::junctions::tests::{path, tree};
     use super::*;
 
@@ -119,7 +110,8 @@ mod tests {
         let line = tree();
         let path = path(&line, 3);
         // Up the branch at 20 mm, and off it at 10 mm more towards the patient's right.
-        let way = way_to(&path, Some(&line), FlightRoute::Leaf(3), DVec3::new(12.0, 11.0, 0.0));
+        let choices = choices(&line, &path, FlightRoute::Leaf(3));
+        let way = way_to(&path, &choices, DVec3::new(12.0, 11.0, 0.0));
         let turns: Vec<(f64, &str)> = way.turns.iter().map(|t| (t.0.round(), &t.1[..])).collect();
         assert_eq!(turns, [(20.0, "P"), (30.0, "R")]);
         assert_eq!(way.narrowest.0, 2.0);
