@@ -318,13 +318,9 @@ fn notes_and_place_outlive_signals_and_are_offered_when_the_scan_is_opened_again
         let count = kept(tmp.path(), i + 1)["bookmarks"].as_array().unwrap().len();
         assert_eq!(count, i + 1);
         d.key("End");
-        if signal == "KILL" {
-            // A place is kept once the eye has rested for a moment.
-            let at_end = || (kept(tmp.path(), i + 1)["arc_mm"].as_f64()? > 10.0).then_some(());
-            d.until("the place is kept", at_end);
-        } else {
-            std::thread::sleep(Duration::from_millis(300));
-        }
+        // A place is kept once the eye has rested for a moment.
+        let at_end = || (kept(tmp.path(), i + 1)["arc_mm"].as_f64()? > 10.0).then_some(());
+        d.until("the place is kept", at_end);
         d.terminate(signal);
         let (code, log) = d.end();
         assert_eq!(code, (signal != "KILL").then_some(0), "{log:#?}");
