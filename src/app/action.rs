@@ -161,7 +161,7 @@ pub enum Export {
     Flight,
     /// Bookmarks, measurements and figures as a page of HTML.
     Report,
-    /// Bookmarks with what is said of them as a table.
+    /// Findings with all their fields, as a table.
     Findings,
 }
 
@@ -212,7 +212,7 @@ pub enum Action {
     Measure(Option<Ruler>),
     /// Adds a point to what is being measured, LPS mm.
     Mark([f64; 3]),
-    /// Adds a point of a slice to what is being measured, LPS mm.
+    /// Adds a point of a slice to the measurement in progress, LPS mm.
     MarkInSlice([f64; 3]),
     /// Names a measurement.
     NameMeasurement(usize, String),
@@ -267,12 +267,12 @@ pub enum Action {
     RemoveBookmark(usize),
     /// Moves the eye to a noted place.
     GoToBookmark(usize),
-    /// Selects a noted place, by its place in the list: what is measured there is of it.
+    /// Selects a finding, by its index in the list. Lengths measured near the finding belong to it.
     SelectFinding(Option<usize>),
     /// Shows a noted place in the plane of its largest diameter, large, with the window of lungs if the
     /// volume is a CT, and with the ruler ready.
     MeasureInSlice(usize),
-    /// Changes what is said of a noted place.
+    /// Changes a field of a finding.
     EditFinding(usize, FindingEdit),
     /// Moves the eye to the noted place after the selected one.
     NextFinding,

@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use glam::{DVec3, Quat};
+use glam::DVec3;
 
 use super::action::{Pane, Ruler};
 use super::error::AppError;
@@ -61,7 +61,7 @@ impl Notes {
             let eye = DVec3::from(b.position_mm);
             let nearest = || model.path.as_ref().map(|path| path.nearest_to(eye));
             let looked_at =
-                || model.products.triangle_tree.as_ref().and_then(|tree| wall_at(b, tree));
+                || model.products.triangle_tree.as_ref().and_then(|tree| finding::wall_at(b, tree));
             let branch = || graph.as_ref().and_then(|g| branch_at(g, eye));
             Finding {
                 text: b.text.clone(),
@@ -85,7 +85,7 @@ impl Notes {
     }
 }
 
-/// Form, mean value and confidence, in this order, those that are known.
+/// Returns the known fields of a finding: form, mean value, confidence.
 fn said_of(model: &Model, b: &Bookmark) -> Vec<(&'static str, String)> {
     let mean = finding::mean_value(model, b).map(|v| format!("{v:.0}"));
     let known = [
@@ -107,15 +107,6 @@ fn measured(model: &Model, m: &Measurement) -> MeasuredValue {
         points_mm: m.points_mm.clone(),
         is_length,
     }
-}
-
-/// The wall in the middle of a bookmark's view.
-fn wall_at(b: &Bookmark, tree: &TriangleBvh) -> Option<[f64; 3]> {
-    /// Farther than any lumen is long.
-    const FAR_MM: f64 = 2000.0;
-    let rotation = Quat::from_array(b.rotation.map(|v| v as f32));
-    let along = (rotation.as_dquat() * DVec3::NEG_Z).try_normalize()?;
-    tree.first_hit(DVec3::from(b.position_mm), along * FAR_MM).map(|p| p.to_array())
 }
 
 /// The branch of a tree that is nearest to a place; `None` of a single path.
@@ -248,7 +239,7 @@ mod tests {
         let (low, high) = wall.bounds().unwrap();
         let centre = (0.5 * (low + high)).as_dvec3();
         let eye = Bookmark { position_mm: centre.to_array(), ..bookmark(None) };
-        let [x, y, z] = wall_at(&eye, &TriangleBvh::new(&wall)).unwrap();
+        let [x, y, z] = finding::wall_at(&eye, &TriangleBvh::new(&wall)).unwrap();
         assert!((x - centre.x).abs() < 1e-6 && (y - centre.y).abs() < 1e-6);
         assert!((z - f64::from(low.z)).abs() < 1e-6, "a camera looks along -z");
         let grid = Grid::axis_aligned([4, 4, 4], [1.0; 3]);

@@ -1,12 +1,13 @@
 //! What a reader says of a noted place, and what follows from it: size, mean value, distance along the
 //! organ, the table of all findings, and the category of a colon.
 
-use glam::{DVec3, IVec3};
+use glam::{DVec3, IVec3, Quat};
 use serde::{Deserialize, Serialize};
 
 use super::action::Ruler;
 use super::measure::Measurement;
 use super::model::{Bookmark, Model};
+use crate::geometry::TriangleBvh;
 use crate::lumen::Lumen;
 use crate::organ::Organ;
 use crate::volume::Volume;
@@ -73,7 +74,7 @@ impl Confidence {
     }
 }
 
-/// A change of what is said of a finding.
+/// A change of one field of a finding.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FindingEdit {
@@ -135,6 +136,15 @@ pub(super) fn longest<'a>(model: &'a Model, finding: &Bookmark) -> Option<&'a Me
 pub(super) fn middle(model: &Model, finding: &Bookmark) -> Option<DVec3> {
     let of_length = longest(model, finding).map(|m| 0.5 * (m.points()[0] + m.points()[1]));
     of_length.or(finding.wall_mm.map(DVec3::from))
+}
+
+/// The wall in the middle of a bookmark's view.
+pub(super) fn wall_at(b: &Bookmark, tree: &TriangleBvh) -> Option<[f64; 3]> {
+    /// Farther than any lumen is long.
+    const FAR_MM: f64 = 2000.0;
+    let rotation = Quat::from_array(b.rotation.map(|v| v as f32));
+    let along = (rotation.as_dquat() * DVec3::NEG_Z).try_normalize()?;
+    tree.first_hit(DVec3::from(b.position_mm), along * FAR_MM).map(|p| p.to_array())
 }
 
 /// Mean value of the tissue in a ball about a finding: voxels of the lumen do not count.
@@ -217,7 +227,7 @@ pub(super) fn c_rads(sizes: &[f64], has_mass: bool) -> &'static str {
     }
 }
 
-/// The category by what was noted, of a colon with findings that have a size.
+/// Returns the category of a colon, if a finding has a size or is a mass.
 pub(super) fn category(model: &Model) -> Option<&'static str> {
     let lumen = model.products.lumen.as_ref();
     let organ = lumen.and_then(|l| l.organ.as_ref()).map(|o| o.organ);

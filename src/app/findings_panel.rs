@@ -1,4 +1,4 @@
-//! Findings in the panel: their list, what is said of the selected one, measurements, files.
+//! Findings in the panel: the list, the fields of the selected finding, measurements, files.
 
 use egui::{ComboBox, Key, TextEdit, Ui};
 use glam::DVec3;
@@ -81,7 +81,7 @@ fn line(model: &Model, i: usize, finding: &Bookmark) -> String {
     format!("{}: {}{place}{size}", i + 1, finding.text)
 }
 
-/// What is said of the selected finding.
+/// Lays out the fields of the selected finding.
 fn said(ui: &mut Ui, model: &Model, i: usize, finding: &Bookmark, commands: &mut ActionQueue) {
     let mut edit = |edit| commands.act(Action::EditFinding(i, edit));
     let mut name = finding.text.clone();

@@ -45,6 +45,7 @@ mod slice_pane;
 mod slices;
 mod style;
 mod timeline;
+mod top_bar;
 mod ui;
 mod viewer;
 mod wall_outline;

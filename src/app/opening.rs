@@ -172,8 +172,8 @@ pub struct Opening {
 impl Opening {
     /// Returns the lumen of a session file, of the same volume.
     ///
-    /// * `session`: what is open.
-    /// * `settings`: those of the session.
+    /// * `session`: the session that is open.
+    /// * `settings`: settings of that session.
     pub fn of_saved(saved: &SavedLumen, session: Option<&Session>, settings: &Settings) -> Self {
         match saved {
             // A label map's own lumen: its labels are chosen.
@@ -207,7 +207,7 @@ impl Opening {
 
     /// Returns a case's files, without a lumen.
     ///
-    /// * `settings`: those of the window; its ends and its lumen are of what was open before.
+    /// * `settings`: settings of the window, with the ends and the lumen of the case that was open before.
     pub fn of_case(source: Source, settings: &Settings) -> Self {
         let ends = CenterlineSettings { from: None, to: None, ..settings.centerline };
         let lumen = LumenSettings::default();

@@ -156,8 +156,8 @@ impl SessionFile {
         self.bookmarks.len() + self.measurements.len()
     }
 
-    /// Gives numbers to notes that have none, of what they say: each window that reads them finds the
-    /// same.
+    /// Numbers the notes that have no number by their content, so that each window that reads the file
+    /// finds the same numbers.
     fn with_ids(mut self) -> Self {
         let mut taken: BTreeSet<u64> = self.bookmarks.iter().map(|b| b.id).collect();
         taken.extend(self.measurements.iter().map(|m| m.id));
@@ -257,7 +257,7 @@ fn lacks_note<T: PartialEq>(own: Option<T>, theirs: &T, first: Option<T>) -> boo
     }
 }
 
-/// Number of 48 bits that follows from what a note says, and from two more numbers. JSON readers keep
+/// Number of 48 bits, computed from the content of a note and from two more numbers. JSON readers keep
 /// whole numbers of so many bits.
 pub(super) fn content_id(says: &impl Serialize, more: [u64; 2]) -> u64 {
     let text = serde_json::to_vec(says).unwrap_or_default();
@@ -299,7 +299,7 @@ impl AddedNotes {
 /// A file that a window writes its notes into, and another window may too.
 pub(super) struct NotesFile {
     pub path: PathBuf,
-    /// What the file held when this window read or wrote it last.
+    /// Notes of the file when this window read or wrote the file last.
     known: Option<SessionFile>,
     /// Whether a file that is there is replaced whatever it holds, as its user said.
     replaces: bool,

@@ -100,7 +100,7 @@ pub(super) fn show_slice(
     let Some(mut plane) = at(model.crosshair_mm) else { return };
     let way = plane.way_into(volume, size);
     plane.centre_mm += way + views.pan_mm[index] + views.held_mm[index];
-    // Until there is a wall, the outline is that of the voxels.
+    // Until there is a wall, the edge of the voxels is shown.
     let wall = model.products.triangle_tree.as_deref();
     let lumen = model.products.lumen.as_ref().map(|l| &l.lumen).filter(|_| wall.is_none());
     let has = [lumen.is_some(), wall.is_some()];

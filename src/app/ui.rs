@@ -3,12 +3,10 @@
 use egui::{Align2, Color32, FontId, Pos2, Rect, Response, Sense, Stroke, Ui, Vec2, pos2, vec2};
 use glam::DVec3;
 
-use super::action::{
-    Action, ActionQueue, Command, FOV_DEG, Pane, PaneLayout, Request, SPEED_MM_S, WallView,
-};
+use super::action::{Action, ActionQueue, Command, Pane, PaneLayout, Request, WallView};
 use super::branch_panel::branch_under;
 use super::computation::WorkStatus;
-use super::dialogs::{Dialogs, FILES, ask_to_save, opened};
+use super::dialogs::{Dialogs, ask_to_save, opened};
 use super::first_page::first_page;
 use super::grey_window::slice_row;
 use super::inside_marks::{inside_marks, mark_under, measurements, missed_mark, value_behind};
@@ -19,10 +17,11 @@ use super::layout::places;
 use super::lumen_panel::lumen_question;
 use super::model::Model;
 use super::overview_pane::{OverviewCamera, overview_input, zoom_mark};
-use super::side_panel::{PanelState, Tab, side_panel};
+use super::side_panel::{PanelState, side_panel};
 use super::slice_pane::{SliceViews, show_slice};
 use super::style::{FAINT, TEXT, WRONG, pixels, wheel_notches};
 use super::timeline::timeline;
+use super::top_bar::{top_bar, transport};
 use crate::formats::NOTICE;
 
 /// Textures of the two drawn panes.
@@ -41,10 +40,10 @@ fn what_next(model: &Model) -> &'static str {
 #[derive(Default)]
 pub struct UiState {
     slices: SliceViews,
-    panel: PanelState,
+    pub(super) panel: PanelState,
     /// When a pane was clicked, s, and what that leads to.
     click: Option<(f64, Command)>,
-    dialogs: Dialogs,
+    pub(super) dialogs: Dialogs,
     /// Whether the last frame showed something that Escape closes by itself: a text field takes
     /// the focus back before the keys of a frame are looked at.
     is_escape_taken: bool,
@@ -203,159 +202,6 @@ fn on_pixels(ui: &Ui, rect: Rect) -> Rect {
     let scale = ui.pixels_per_point();
     let round = |p: Pos2| pos2((p.x * scale).round() / scale, (p.y * scale).round() / scale);
     Rect::from_min_max(round(rect.min), round(rect.max))
-}
-
-fn top_bar(
-    ui: &mut Ui,
-    model: &Model,
-    state: &mut UiState,
-    status: Option<&WorkStatus>,
-    commands: &mut ActionQueue,
-) {
-    // Too narrow for one line: buttons wrap, and the state has a line of its own.
-    if ui.available_width() < ONE_LINE {
-        ui.horizontal_wrapped(|ui| controls(ui, model, state, commands));
-        ui.horizontal(|ui| what_is_at_work(ui, model, status, commands));
-    } else {
-        ui.horizontal(|ui| {
-            controls(ui, model, state, commands);
-            ui.separator();
-            what_is_at_work(ui, model, status, commands);
-        });
-    }
-}
-
-/// Width of a window whose controls and state fit into one line.
-const ONE_LINE: f32 = 1000.0;
-
-fn controls(ui: &mut Ui, model: &Model, state: &mut UiState, commands: &mut ActionQueue) {
-    ui.menu_button("1 Open", |ui| {
-        if ui.button("File").on_hover_text(FILES).clicked() {
-            state.dialogs.open.pick_file();
-        }
-        if ui.button("Folder").on_hover_text("A DICOM series").clicked() {
-            state.dialogs.open.pick_directory();
-        }
-        for case in &model.recent {
-            if ui.button(&case.name).on_hover_text("Opened before").clicked() {
-                commands.ask(Request::OpenKept(case.file.clone()));
-            }
-        }
-    });
-    for ReadingStep { name, tab, missing } in steps(model) {
-        let is_here = missing.is_none() && state.panel.tab == tab;
-        let button = ui.add_enabled(missing.is_none(), egui::Button::selectable(is_here, name));
-        if button.on_disabled_hover_text(missing.unwrap_or_default()).clicked() {
-            state.panel.tab = tab;
-        }
-    }
-    ui.separator();
-    for (layout, name) in PaneLayout::ALL {
-        if ui.selectable_label(model.layout == layout, name).clicked() {
-            commands.act(Action::Layout(layout));
-        }
-    }
-    let panel = egui::Button::selectable(!model.hides_panel, "panel");
-    if ui.add(panel).on_hover_text("The panel on the right (F4)").clicked() {
-        commands.act(Action::TogglePanel);
-    }
-    if ui.button("Keys").on_hover_text("F1").clicked() {
-        commands.act(Action::ToggleHelp);
-    }
-}
-
-/// A step of a reading, and why it cannot be done yet.
-struct ReadingStep {
-    name: &'static str,
-    tab: Tab,
-    missing: Option<&'static str>,
-}
-
-/// The steps of a reading after the scan is open, each with the tab that serves it.
-fn steps(model: &Model) -> [ReadingStep; 4] {
-    let no_scan = model.volume().is_none().then_some("Open a scan first.");
-    let no_path = model.path.is_none().then_some("There is no path through an organ yet.");
-    let no_coverage = model.products.coverage.is_none();
-    let no_coverage = no_coverage.then_some("The coverage of the flight is not computed yet.");
-    [
-        ReadingStep { name: "2 Organ", tab: Tab::Lumen, missing: no_scan },
-        ReadingStep { name: "3 Fly", tab: Tab::Branches, missing: no_scan.or(no_path) },
-        ReadingStep {
-            name: "4 Review",
-            tab: Tab::Missed,
-            missing: no_scan.or(no_path).or(no_coverage),
-        },
-        ReadingStep { name: "5 Report", tab: Tab::Findings, missing: no_scan },
-    ]
-}
-
-/// Controls of the flight, under the picture that they move.
-fn transport(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
-    let ready = model.path.is_some();
-    let mut button = |ui: &mut Ui, text: &str, can: bool, tip: &str, action: Action| {
-        let button = ui.add_enabled(can, egui::Button::new(text));
-        if button.on_hover_text(tip).clicked() {
-            commands.act(action);
-        }
-    };
-    button(ui, "⏮", ready, "To the start (Home)", Action::Seek(0.0));
-    let play = if model.playing { "Pause" } else { "Play" };
-    button(ui, play, ready, "Space", Action::TogglePlay);
-    let way = if model.reverse { "Direction: back" } else { "Direction: forward" };
-    button(ui, way, ready, "R", Action::Reverse);
-    button(ui, "⏭", ready, "To the end (End)", Action::Seek(f64::MAX));
-    button(ui, "Back to path", ready && !model.on_path, "0", Action::BackToPath);
-    let mut speed = model.speed_mm_s;
-    let slider = egui::DragValue::new(&mut speed).range(SPEED_MM_S).speed(0.5);
-    // Else as many as a point of the screen has pixels for.
-    let slider = slider.prefix("cruise ").suffix(" mm/s").fixed_decimals(1);
-    let tip = "Cruising speed ([ ]); where it is narrow or winding the flight is slower";
-    if ui.add(slider).on_hover_text(tip).changed() {
-        commands.act(Action::Speed(speed));
-    }
-    let mut fov = model.fov_deg;
-    let slider =
-        egui::DragValue::new(&mut fov).range(FOV_DEG).suffix("°").speed(0.5).fixed_decimals(0);
-    if ui.add(slider).on_hover_text("Vertical field of view").changed() {
-        commands.act(Action::FieldOfView(fov));
-    }
-    if let Some(mm_s) = model.flown_mm_s() {
-        ui.label(egui::RichText::new(format!("{mm_s:.1} mm/s")).color(FAINT));
-    }
-}
-
-/// Lays out the work in progress, the failure, or the last message.
-fn what_is_at_work(
-    ui: &mut Ui,
-    model: &Model,
-    status: Option<&WorkStatus>,
-    commands: &mut ActionQueue,
-) {
-    match (status, &model.failure) {
-        (Some(status), failure) if failure.is_none() || !status.is_computing => {
-            ui.add(egui::ProgressBar::new(status.share).desired_width(90.0));
-            if ui.small_button("Cancel").clicked() {
-                commands.ask(Request::Cancel);
-            }
-            ui.add(egui::Label::new(&status.text).truncate());
-        }
-        (_, Some(failure)) => {
-            // The inside pane has all of it.
-            let line = failure.lines().next().unwrap_or_default();
-            let text = egui::RichText::new(line).color(WRONG);
-            ui.add(egui::Label::new(text).truncate()).on_hover_text(failure);
-        }
-        (_, None) => {
-            if model.is_stopped && ui.small_button("Go on").clicked() {
-                commands.ask(Request::Resume);
-            }
-            let message = model.question.or(model.message.as_deref()).unwrap_or_default();
-            ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-                ui.label(egui::RichText::new(model.notes_are).color(FAINT));
-                ui.add(egui::Label::new(message).truncate()).on_hover_text(message);
-            });
-        }
-    }
 }
 
 /// Whether nothing is open, and nothing on its way.

@@ -106,7 +106,7 @@ mod tests {
     use super::*;
     use crate::geometry::shapes::sphere;
 
-    /// The outline was that of the voxels: stairs of half a voxel.
+    /// Slices showed the edge of the voxels instead of the wall: stairs of half a voxel.
     #[test]
     fn a_sphere_is_cut_to_a_round_and_closed_line() {
         let (radius, size) = (5.0, [240, 200]);

@@ -64,7 +64,7 @@ impl Change {
             Self::Ends => "ends of the path",
             Self::Point(..) => "point of a measurement",
             Self::Name(_) => "name of a measurement",
-            Self::Finding(_) => "what is said of a finding",
+            Self::Finding(_) => "description of a finding",
             Self::Window => "grey window",
         }
     }
@@ -125,8 +125,8 @@ impl Model {
     /// Carries out an action, so that its change can be taken back.
     pub(super) fn act_with_history(&mut self, action: &Action) {
         match (action, Change::of(action)) {
-            (Action::Undo, _) => self.undo(),
-            (Action::Redo, _) => self.redo(),
+            (Action::Undo, _) => self.move_in_history(true),
+            (Action::Redo, _) => self.move_in_history(false),
             (_, None) => self.act(action),
             (_, Some(change)) => {
                 let before = self.noted();
@@ -138,24 +138,21 @@ impl Model {
         }
     }
 
-    fn undo(&mut self) {
-        let Some((change, before)) = self.history.before.pop() else {
-            self.message = Some("nothing to undo".into());
+    /// Takes the last change back, or makes the change again that was taken back last.
+    fn move_in_history(&mut self, is_undo: bool) {
+        let now = self.noted();
+        let History { before, undone, .. } = &mut self.history;
+        let (from, to, [verb, done]) = match is_undo {
+            true => (before, undone, ["undo", "undone"]),
+            false => (undone, before, ["redo", "redone"]),
+        };
+        let Some((change, noted)) = from.pop() else {
+            self.message = Some(format!("nothing to {verb}"));
             return;
         };
-        self.history.undone.push((change, self.noted()));
-        self.restore_noted(before);
-        self.message = Some(format!("undone: {}", change.name()));
-    }
-
-    fn redo(&mut self) {
-        let Some((change, after)) = self.history.undone.pop() else {
-            self.message = Some("nothing to redo".into());
-            return;
-        };
-        self.history.before.push((change, self.noted()));
-        self.restore_noted(after);
-        self.message = Some(format!("redone: {}", change.name()));
+        to.push((change, now));
+        self.restore_noted(noted);
+        self.message = Some(format!("{done}: {}", change.name()));
     }
 
     fn restore_noted(&mut self, noted: Noted) {

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use glam::{DVec3, Quat};
 
 use super::super::action::FOV_DEG;
-use super::super::finding::{FindingEdit, OWN_REACH_MM};
+use super::super::finding::{FindingEdit, OWN_REACH_MM, wall_at};
 use super::super::measure::Measurement;
 use super::super::session_file::{AddedNotes, content_id};
 use super::{Bookmark, Model};
@@ -165,15 +165,6 @@ impl Model {
         }
     }
 
-    /// The wall in the middle of the view, LPS mm.
-    fn wall_ahead(&self) -> Option<[f64; 3]> {
-        /// Farther than any lumen is long.
-        const FAR_MM: f64 = 2000.0;
-        let (pose, tree) = (self.pose?, self.products.triangle_tree.as_ref()?);
-        let along = pose.forward().as_dvec3() * FAR_MM;
-        tree.first_hit(pose.position_mm.as_dvec3(), along).map(|p| p.to_array())
-    }
-
     pub(super) fn name_measurement(&mut self, i: usize, name: &str) {
         if let Some(m) = self.measurements.get_mut(i) {
             name.clone_into(&mut m.name);
@@ -207,11 +198,13 @@ impl Model {
             picture: None,
             png: None,
             id: 0,
-            wall_mm: self.wall_ahead(),
+            wall_mm: None,
             segment: None,
             shape: None,
             confidence: None,
         };
+        let wall_mm = self.products.triangle_tree.as_ref().and_then(|tree| wall_at(&noted, tree));
+        let noted = Bookmark { wall_mm, ..noted };
         let id = self.new_id(&noted);
         self.bookmarks.push(Bookmark { id, ..noted });
         self.selected = Some(self.bookmarks.len() - 1);

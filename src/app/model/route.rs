@@ -16,8 +16,6 @@ const PASSES_MM: f64 = 2.0;
 /// A way to a place, with what a bronchoscopist asks of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WayTo {
-    /// The place, LPS mm.
-    pub place_mm: DVec3,
     /// Millimetres along the path to where it is nearest to the place.
     pub arc_mm: f64,
     /// From there to the place, mm.
@@ -78,7 +76,7 @@ fn way_to(path: &FlightPath, choices: &[BranchChoice], place: DVec3) -> WayTo {
     let before = path.arcs_mm().iter().zip(&path.radius_mm).filter(|(arc, _)| **arc <= arc_mm);
     let narrowest = before.min_by(|a, b| a.1.total_cmp(b.1)).map(|(arc, r)| (2.0 * r, *arc));
     let (turns, narrowest) = (turns(path, choices, arc_mm), narrowest.unwrap_or_default());
-    WayTo { place_mm: place, arc_mm, beside_mm: there.distance(place), turns, narrowest }
+    WayTo { arc_mm, beside_mm: there.distance(place), turns, narrowest }
 }
 
 /// The branchings before a place of the path, with the sides of the patient that the path turns to.
