@@ -463,6 +463,27 @@ mod tests {
         assert!(!draw(&mut panes, &model).0, "one that moves is not waited for");
     }
 
+    /// Two cases in one window draw four pictures a frame: "no room to stage 877264 bytes".
+    #[test]
+    fn pictures_that_are_asked_for_faster_than_they_are_drawn_are_waited_for() {
+        let Ok(mut gpu) = Gpu::open(Choice::Any) else {
+            assert!(std::env::var_os("INTIMA_REQUIRE_GPU").is_none(), "a device");
+            return;
+        };
+        let (mut model, session) = flown_model(Kind::Colon, |_| {});
+        model.products.prepared_wall = Some(session.prepared_wall().unwrap());
+        model.products.levels = Some(session.levels().unwrap());
+        let mut panes = Panes::new(&mut gpu, 4).unwrap();
+        panes.take(&mut gpu, &model.products).unwrap();
+        let length = model.path.as_ref().unwrap().length_mm();
+        for i in 0..300 {
+            model.step(0.0, &[Action::Seek(length * f64::from(i * 7 % 300) / 300.0)]);
+            let sizes = (Some([1280, 960]), None);
+            panes.draw(&mut gpu, &model, sizes, Detail::Live).unwrap();
+        }
+        panes.inside_picture(&mut gpu).unwrap();
+    }
+
     #[test]
     fn a_halved_picture_has_the_means_of_four_pixels() {
         let grey = |v: u8| [v, v, 0];

@@ -372,8 +372,8 @@ impl Renderer {
         self.submit_eyes(gpu, scene, shot, seen, Some(picture))
     }
 
-    /// Draws one frame to [`Renderer::picture`] and does not read it back. Returns at once; later
-    /// submissions see the picture.
+    /// Draws one frame to [`Renderer::picture`] and does not read it back. Waits for no picture unless
+    /// so many are under way that there is no room to stage another; later submissions see the picture.
     ///
     /// # Errors
     /// [`RenderError::Vulkan`].
@@ -455,7 +455,9 @@ impl Renderer {
         if shot.view == View::Panorama {
             passes.extend(self.panorama_pass());
         }
-        let sent = gpu.submit_draws(&Frame { writes, passes, picture, ..Frame::default() });
+        let frame = Frame { writes, passes, picture, ..Frame::default() };
+        // Any number of pictures may be under way.
+        let sent = gpu.make_room(frame.staged_bytes()).and_then(|()| gpu.submit_draws(&frame));
         if sent.is_err() {
             // Nothing was written.
             let refined = self.models[scene.wall.0].as_mut().and_then(|m| m.refined.as_mut());
