@@ -251,6 +251,8 @@ pub enum Action {
     Slab(Option<SlabMode>),
     /// Sets the thickness of thick slices, mm.
     SlabThickness(f64),
+    /// Runs through the slices of the large pane to and fro, or stops.
+    Cine(bool),
     /// Fills the window with a pane, or shows all.
     Maximise(Option<Pane>),
     /// Arranges the panes.
@@ -340,6 +342,17 @@ pub enum Request {
     SaveAs(PathBuf),
     /// Does what waits for an answer, and leaves the notes unsaved.
     Discard,
+    /// Opens a case beside this one; the request is one that opens.
+    Beside(Box<Request>),
+    /// Closes this case, if there is another one beside it.
+    CloseCase,
+    /// Gives keys and panels to the first or second case, from 0.
+    Activate(usize),
+    /// Flies the eye of the other case to the same share of its path, from the rectum if both are colons
+    /// whose ends are known.
+    FindInOther,
+    /// Has the eyes of both cases move together along their paths, or each for itself.
+    Link(bool),
     /// Closes the window.
     Quit,
 }

@@ -1,5 +1,7 @@
 //! Dialogs: files to open and to save, and what is lost by leaving.
 
+use std::path::PathBuf;
+
 use egui::{Align2, Ui, Vec2};
 use egui_file_dialog::{DialogState, FileDialog};
 
@@ -13,6 +15,10 @@ pub(super) const FILES: &str = "NIfTI, NRRD, MetaImage, DICOM; or a session file
 pub(super) struct Dialogs {
     /// Dialog for a file or a folder to open.
     pub open: FileDialog,
+    /// Whether it is opened beside the case that is open.
+    pub is_beside: bool,
+    /// Path that is typed, of a file or a folder to open.
+    pub typed: String,
     /// Dialog for the file of the notes.
     pub save: FileDialog,
 }
@@ -26,7 +32,8 @@ impl Default for Dialogs {
                 .default_size(size)
                 .anchor(Align2::CENTER_CENTER, Vec2::ZERO)
         };
-        Self { open: dialog("Open"), save: dialog("Save as").default_file_name("session.json") }
+        let save = dialog("Save as").default_file_name("session.json");
+        Self { open: dialog("Open"), is_beside: false, typed: String::new(), save }
     }
 }
 
@@ -37,17 +44,23 @@ impl Dialogs {
     }
 }
 
+/// Returns what opens a file or folder.
+pub(super) fn open_request(path: PathBuf) -> Request {
+    match path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) {
+        true => Request::OpenSession(path),
+        false => Request::Open(path),
+    }
+}
+
 /// Files dropped on the window, or chosen in the dialog.
 pub(super) fn opened(ui: &Ui, dialogs: &mut Dialogs, commands: &mut ActionQueue) {
     let dropped = ui.input(|i| i.raw.dropped_files.first().map(|f| f.path().to_owned()));
     dialogs.open.update(ui.ctx());
     dialogs.save.update(ui.ctx());
+    let is_beside = dialogs.is_beside && dropped.is_none();
     if let Some(path) = dropped.or_else(|| dialogs.open.take_picked()) {
-        let is_session = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
-        commands.ask(match is_session {
-            true => Request::OpenSession(path),
-            false => Request::Open(path),
-        });
+        let opens = open_request(path);
+        commands.ask(if is_beside { Request::Beside(Box::new(opens)) } else { opens });
     }
     if let Some(path) = dialogs.save.take_picked() {
         commands.ask(Request::SaveAs(path));

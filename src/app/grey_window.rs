@@ -58,6 +58,10 @@ pub(super) fn slice_row(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) 
         presets(ui, model, commands);
         ui.separator();
         extents(ui, model, commands);
+        let (runs, tip) = (model.runs_cine(), "Runs through the slices, to and fro (K)");
+        if ui.selectable_label(runs, "cine").on_hover_text(tip).clicked() {
+            commands.act(Action::Cine(!runs));
+        }
         slabs(ui, model, commands);
     }
 }

@@ -108,15 +108,30 @@ pub(super) fn measurements(
             painter.circle_filled(at, 3.0, MEASURE);
         }
     };
+    let mut labels = Labels::new(painter, painter.clip_rect());
     for m in &model.measurements {
         let points = m.points();
         line(&points);
         if let Some(at) = place(points[1]) {
-            let at = at + vec2(6.0, -6.0);
-            shadowed(painter, at, Align2::LEFT_BOTTOM, &m.label(), 12.0, MEASURE);
+            labels.put(&m.label(), 12.0, MEASURE, &places_beside(at));
         }
     }
     line(&model.marks_mm);
+}
+
+/// Places of a text beside a point, the best first.
+fn places_beside(at: Pos2) -> Vec<(Pos2, Align2)> {
+    let corners = [
+        (vec2(6.0, -6.0), Align2::LEFT_BOTTOM),
+        (vec2(6.0, 6.0), Align2::LEFT_TOP),
+        (vec2(-6.0, -6.0), Align2::RIGHT_BOTTOM),
+        (vec2(-6.0, 6.0), Align2::RIGHT_TOP),
+    ];
+    let rows = (0..3u8).map(|row| 18.0 * f32::from(row));
+    let places = rows.flat_map(|row| {
+        corners.map(|(by, anchor)| (at + by + vec2(0.0, row * by.y.signum()), anchor))
+    });
+    places.collect()
 }
 
 /// Four strokes about the place that the slices show, where the eye sees it.
@@ -257,4 +272,28 @@ fn radius_scale(painter: &Painter, rect: Rect, model: &Model) {
     let widest = radii.widest_mm;
     label(bar.right_top() - vec2(0.0, 4.0), Align2::RIGHT_BOTTOM, format!("{widest:.1} mm"));
     label(bar.right_bottom() + vec2(0.0, 4.0), Align2::RIGHT_TOP, "0".into());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::measure::Measurement;
+    use super::super::panel_tests::TestScreen;
+    use super::*;
+
+    /// Beside each other they read "109.2°20.8 mm".
+    #[test]
+    fn texts_of_measurements_close_by_do_not_lie_over_each_other() {
+        let mut model = Model::new(20.0);
+        let length = |by: f64| [DVec3::ZERO, DVec3::new(60.0 + by, 40.0, 0.0)];
+        let of = |by| Measurement::of(super::super::action::Ruler::Length, &length(by)).unwrap();
+        model.measurements = [0.0, 2.0, 4.0, 30.0].map(of).to_vec();
+        let texts = TestScreen::new().frame(Vec::new(), |ui| {
+            let place = |p: DVec3| Some(pos2(300.0 + p.x as f32, 300.0 + p.y as f32));
+            measurements(ui.painter(), &model, place);
+        });
+        assert_eq!(texts.len(), 4, "{texts:?}");
+        for (i, (_, a)) in texts.iter().enumerate() {
+            assert!(texts[..i].iter().all(|(_, b)| !a.intersects(*b)), "{texts:?}");
+        }
+    }
 }

@@ -6,6 +6,7 @@ use glam::DVec3;
 use super::action::{Action, ActionQueue, Colouring, Export, Request, Ruler, WallView};
 use super::branch_panel::branch_keys;
 use super::model::Model;
+use super::ui::PairState;
 
 /// Keys, unless a text field has them.
 ///
@@ -35,6 +36,7 @@ pub(super) fn keys(ui: &Ui, model: &Model, is_escape_taken: bool, commands: &mut
         (Key::OpenBracket, Action::Speed(model.speed_mm_s / 1.25)),
         (Key::CloseBracket, Action::Speed(model.speed_mm_s * 1.25)),
         (Key::Num0, Action::BackToPath),
+        (Key::K, Action::Cine(!model.runs_cine())),
         (Key::Comma, Action::PreviousFinding),
         (Key::Period, Action::NextFinding),
         (Key::F1, Action::ToggleHelp),
@@ -120,6 +122,22 @@ pub(super) fn keys(ui: &Ui, model: &Model, is_escape_taken: bool, commands: &mut
     held_keys(ui, commands);
 }
 
+/// Keys of two cases beside each other.
+pub(super) fn pair_keys(ui: &Ui, model: &Model, pair: PairState, commands: &mut ActionQueue) {
+    if ui.ctx().egui_wants_keyboard_input() || model.leaving.is_some() {
+        return;
+    }
+    for (key, request) in [
+        (Key::F6, Request::Activate(1 - pair.active)),
+        (Key::F, Request::FindInOther),
+        (Key::L, Request::Link(!pair.is_linked)),
+    ] {
+        if ui.input(|i| i.key_pressed(key) && !i.modifiers.command) {
+            commands.ask(request);
+        }
+    }
+}
+
 /// Returns the branch that the eye looks at most nearly, of those that can be taken.
 fn branch_in_view(model: &Model) -> Option<usize> {
     let pose = model.pose?;
@@ -201,7 +219,7 @@ pub(super) fn help(ui: &Ui, commands: &mut ActionQueue) {
         ("drag", "look around; turn the overview"),
         ("Ctrl + drag", "roll"),
         ("right drag", "field of view; window of the slices"),
-        ("Ctrl + wheel", "field of view; zoom of the slices"),
+        ("Ctrl + wheel, pinch", "field of view; zoom of the slices"),
         ("0 or 5", "back to the path, level"),
         ("1 to 9, Enter, click on a number", "take a branch; Enter: the one looked at"),
         ("click on the wall", "show the place in the slices"),
@@ -217,12 +235,14 @@ pub(super) fn help(ui: &Ui, commands: &mut ActionQueue) {
         (", .", "previous, next finding"),
         ("U, Shift + U", "next, previous missed patch"),
         ("double click", "a small slice large; one pane, all panes"),
+        ("K", "run through the slices, to and fro"),
         ("Delete", "delete the selected finding"),
         ("Ctrl + O, Ctrl + S", "open; save the session"),
         ("Ctrl + Z, Ctrl + Shift + Z", "undo, redo: notes, measurements, grey window"),
         ("Escape", "close the dialog, text field, list of keys, ruler or single pane"),
         ("Ctrl + plus, minus, 0", "size of texts"),
         ("F4", "the panel on the right"),
+        ("F6, F, L", "two cases: the other one, find there, move together"),
         ("F1 or ?", "these keys"),
         ("Ctrl + Q", "quit"),
     ];
@@ -238,6 +258,15 @@ pub(super) fn help(ui: &Ui, commands: &mut ActionQueue) {
             let height = (ui.ctx().content_rect().height() - HELP_FRAME).max(60.0);
             let list = egui::ScrollArea::vertical().max_height(height).min_scrolled_height(height);
             list.show(ui, |ui| {
+                ui.horizontal(|ui| {
+                    ui.label("Size of texts");
+                    for (name, by) in [("smaller", 0.9), ("larger", 1.0 / 0.9)] {
+                        if ui.button(name).clicked() {
+                            let size = (ui.ctx().zoom_factor() * by).clamp(0.5, 3.0);
+                            ui.ctx().set_zoom_factor(size);
+                        }
+                    }
+                });
                 egui::Grid::new("keys").num_columns(2).striped(true).show(ui, |ui| {
                     for (key, does) in KEYS {
                         ui.strong(*key);

@@ -9,7 +9,7 @@ const GAP: f32 = 2.0;
 /// Height of a row of controls under a pane, points.
 const ROW: f32 = 26.0;
 /// Width of the controls of the flight, and of a slice, in one row, points.
-const TRANSPORT: f32 = 540.0;
+const TRANSPORT: f32 = 510.0;
 const PRESETS: f32 = 620.0;
 /// Most rows.
 const MAX_ROWS: f32 = 4.0;
@@ -54,11 +54,7 @@ pub(super) fn places(
         (None, PaneLayout::Reading) => {
             let [left, right] = columns(whole);
             let is_wide = whole.width() >= TWO_COLUMNS;
-            let mut all = with_transport(if is_wide { left } else { whole });
-            let inside = all.panes[0].1;
-            let side = (INSET.0 * inside.width().min(inside.height())).min(INSET.1).round();
-            let corner = inside.right_top() + vec2(-side - 6.0, 6.0);
-            all.panes.push((Pane::Overview, Rect::from_min_size(corner, Vec2::splat(side))));
+            let all = with_inset(if is_wide { left } else { whole });
             if !is_wide {
                 return all;
             }
@@ -72,6 +68,62 @@ pub(super) fn places(
             Places { panes: [all.panes, grid_of_slices(right)].concat(), ..all }
         }
     }
+}
+
+/// One of two cases that are shown beside each other.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Half {
+    /// All of it.
+    pub whole: Rect,
+    /// Row of its name and of what both share.
+    pub controls: Rect,
+    /// Its scrub bar.
+    pub scrub: Rect,
+}
+
+/// Height of the scrub bar of one of two cases, points.
+const SCRUB: f32 = 52.0;
+/// Share of the height of one of two cases that the inside view takes.
+const INSIDE_OF_PAIR: f32 = 0.56;
+
+/// Divides the window between two cases.
+pub(super) fn halves(whole: Rect) -> [Half; 2] {
+    let middle = whole.center().x.round();
+    let left = Rect::from_min_max(whole.min, pos2(middle - GAP, whole.max.y));
+    let right = Rect::from_min_max(pos2(middle, whole.min.y), whole.max);
+    [left, right].map(|whole| {
+        let below_name = (whole.min.y + ROW).min(whole.max.y);
+        let above_scrub = (whole.max.y - SCRUB).max(below_name);
+        let controls = Rect::from_min_max(whole.min, pos2(whole.max.x, below_name));
+        let scrub = Rect::from_min_max(pos2(whole.min.x, above_scrub), whole.max);
+        Half { whole, controls, scrub }
+    })
+}
+
+impl Half {
+    /// Places of the panes: the inside view with the overview in its corner above a slice.
+    pub fn places(&self, large: Pane, maximised: Option<Pane>) -> Places {
+        let panes = Rect::from_min_max(self.controls.left_bottom(), self.scrub.right_top());
+        if maximised.is_some() {
+            return places(panes, PaneLayout::Reading, large, maximised);
+        }
+        let edge = panes.min.y + (INSIDE_OF_PAIR * panes.height()).round();
+        let upper = Rect::from_min_max(panes.min, pos2(panes.max.x, edge - GAP));
+        let lower = Rect::from_min_max(pos2(panes.min.x, edge), panes.max);
+        let (mut all, slice) = (with_inset(upper), with_presets(lower, large));
+        all.panes.extend(slice.panes);
+        Places { presets: slice.presets, ..all }
+    }
+}
+
+/// The inside view with the overview in its corner and its controls below.
+fn with_inset(place: Rect) -> Places {
+    let mut all = with_transport(place);
+    let inside = all.panes[0].1;
+    let side = (INSET.0 * inside.width().min(inside.height())).min(INSET.1).round();
+    let corner = inside.right_top() + vec2(-side - 6.0, 6.0);
+    all.panes.push((Pane::Overview, Rect::from_min_size(corner, Vec2::splat(side))));
+    all
 }
 
 fn columns(whole: Rect) -> [Rect; 2] {
@@ -159,6 +211,23 @@ mod tests {
                         assert!(both.width() < 0.5 || both.height() < 0.5, "{a:?} and {b:?}");
                     }
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn two_cases_have_each_their_half_of_the_window() {
+        for (width, height) in [(1044.0, 780.0), (1644.0, 960.0), (400.0, 300.0), (60.0, 40.0)] {
+            let whole = window(width, height);
+            let halves = halves(whole);
+            assert!(halves[0].whole.max.x < halves[1].whole.min.x);
+            for half in halves {
+                let of = half.places(Pane::Axial, None);
+                let own = of.panes.iter().map(|p| p.1).chain(of.transport).chain(of.presets);
+                for rect in own.chain([half.controls, half.scrub]) {
+                    assert!(half.whole.expand(0.5).contains_rect(rect), "{rect:?} of {half:?}");
+                }
+                assert_eq!(of.panes.len(), 3);
             }
         }
     }

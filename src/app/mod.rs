@@ -35,6 +35,7 @@ mod opening;
 mod overview_pane;
 #[cfg(test)]
 mod panel_tests;
+mod pane_view;
 mod panes;
 mod saved_case;
 mod saved_flight;

@@ -1,6 +1,8 @@
 //! State of the window: the eye, the view, bookmarks and measurements. No drawing here and
 //! no input devices: panels and scripts alike send [`Action`]s, and [`Model::step`] carries them out.
 
+mod beside;
+mod cine;
 mod history;
 mod moves;
 mod notes;
@@ -40,6 +42,7 @@ use crate::render::Framing;
 use crate::session::{FlightRoute, Product, Products};
 use crate::volume::Volume;
 use crate::wall::Evidence;
+use cine::Cine;
 use history::History;
 use speedometer::Speedometer;
 
@@ -163,6 +166,8 @@ pub struct Model {
     missed_faces: Vec<(u32, u32, f32)>,
     /// Missed patch that was asked for last.
     pub missed: Option<MissedMark>,
+    /// Slices that are shown one after another.
+    cine: Option<Cine>,
     /// Place on the path that the eye flies to, mm from the start.
     goal_mm: Option<f64>,
     /// Place that the eye looks at once it is there, LPS mm.
@@ -498,6 +503,7 @@ impl Model {
         }
         if dt > 0.0 {
             self.speedometer.pass(dt);
+            self.pass_cine(dt);
         }
     }
 
@@ -584,6 +590,7 @@ impl Model {
             Action::SlabThickness(mm) if mm.is_finite() => {
                 self.slab_mm = mm.clamp(*SLAB_MM.start(), *SLAB_MM.end());
             }
+            Action::Cine(runs) => self.run_cine(*runs),
             Action::Maximise(pane) => self.maximised = *pane,
             Action::Layout(layout) => (self.layout, self.maximised) = (*layout, None),
             Action::LargeSlice(pane) if Pane::SLICES.contains(pane) => self.large_slice = *pane,

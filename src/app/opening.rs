@@ -209,10 +209,15 @@ impl Opening {
     ///
     /// * `settings`: settings of the window, with the ends and the lumen of the case that was open before.
     pub fn of_case(source: Source, settings: &Settings) -> Self {
+        let settings = Self::settings_of_case(settings);
+        Self { source: Some(source), settings, is_same_volume: false }
+    }
+
+    /// Returns settings without those that are of one lumen.
+    pub fn settings_of_case(settings: &Settings) -> Settings {
         let ends = CenterlineSettings { from: None, to: None, ..settings.centerline };
         let lumen = LumenSettings::default();
-        let settings = Settings { lumen, centerline: ends, ..settings.clone() };
-        Self { source: Some(source), settings, is_same_volume: false }
+        Settings { lumen, centerline: ends, ..settings.clone() }
     }
 
     /// Returns what a request opens; `None` where it opens nothing.

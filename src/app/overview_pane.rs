@@ -7,7 +7,7 @@ use glam::{DVec2, DVec3};
 use super::action::{Action, ActionQueue, Request};
 use super::inside_marks::shadowed;
 use super::model::Model;
-use super::style::{FAINT, wheel_notches};
+use super::style::{FAINT, pinch, wheel_notches};
 use crate::geometry::{Lens, Pose};
 
 /// Enlargement by a notch of the wheel.
@@ -96,7 +96,7 @@ pub(super) fn overview_input(
             commands.act(Action::Orbit([per * drag.x, per * drag.y]));
         }
     }
-    let notches = wheel_notches(ui);
+    let notches = wheel_notches(ui) + pinch(ui).ln() / ZOOM_A_NOTCH.ln();
     if let Some(p) = response.hover_pos().filter(|_| notches != 0.0) {
         commands.act(camera.zoomed(model, p, notches));
     }

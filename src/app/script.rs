@@ -186,8 +186,7 @@ pub fn play(
             break;
         }
     }
-    player.viewer.save_session()?;
-    player.viewer.keep_notes(true)?;
+    player.viewer.close()?;
     Ok(player.pictures)
 }
 
@@ -293,20 +292,21 @@ impl<'a> Player<'a> {
 
     /// Has products computed and takes in those up to the one that is waited for.
     fn wait(&mut self, gpu: &mut Gpu, number: usize, wait: Wait) -> Result<(), AppError> {
-        let model = &self.viewer.model;
+        let case = self.viewer.active();
+        let model = &case.model;
         let comes = match wait {
             Wait::Failure if model.failure.is_some() || model.question.is_some() => true,
-            Wait::Failure => self.viewer.wait_for_failure(gpu)?,
+            Wait::Failure => case.wait_for_failure(gpu)?,
             Wait::Complete if model.is_complete => true,
-            Wait::Complete => self.viewer.wait_for(gpu, Product::Coverage)?,
-            Wait::Volume => self.viewer.wait_for(gpu, Product::ValueRange)?,
-            Wait::Wall => self.viewer.wait_for(gpu, Product::PreparedWall)?,
-            Wait::Distance => self.viewer.wait_for(gpu, Product::Fields)?,
-            Wait::Flight => self.viewer.wait_for(gpu, Product::Flight)?,
-            Wait::Levels => self.viewer.wait_for(gpu, Product::Levels)?,
+            Wait::Complete => case.wait_for(gpu, Product::Coverage)?,
+            Wait::Volume => case.wait_for(gpu, Product::ValueRange)?,
+            Wait::Wall => case.wait_for(gpu, Product::PreparedWall)?,
+            Wait::Distance => case.wait_for(gpu, Product::Fields)?,
+            Wait::Flight => case.wait_for(gpu, Product::Flight)?,
+            Wait::Levels => case.wait_for(gpu, Product::Levels)?,
         };
         if comes {
-            return self.viewer.apply_notes(gpu);
+            return case.apply_notes(gpu);
         }
         let what = "what it waits for does not come".into();
         Err(AppError::Script { step: number, what })

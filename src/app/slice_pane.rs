@@ -8,8 +8,8 @@ use super::grey_window::{value_text, window_text};
 use super::inside_marks::{mark_under, measurements, missed_mark};
 use super::labels::Labels;
 use super::model::Model;
-use super::slices::{Slab, SlicePlane, slice, value_at};
-use super::style::{CAMERA, TEXT, pixels, wheel_notches};
+use super::slices::{Slab, SlicePlane, slice, slice_step_mm, value_at};
+use super::style::{CAMERA, TEXT, pinch, pixels, wheel_notches};
 use super::wall_outline::draw_wall_outline;
 use crate::volume::Volume;
 
@@ -262,18 +262,16 @@ fn wheel_input(
     model: &Model,
     commands: &mut ActionQueue,
 ) {
-    let notches = wheel_notches(ui);
-    let Some(volume) = model.volume().filter(|_| response.hovered() && notches != 0.0) else {
-        return;
-    };
-    let plane = &shown.plane;
-    if ui.input(|i| i.modifiers.ctrl) {
-        let mm = plane.mm_per_px * shorter_px(shown.size) * 0.9f64.powf(notches);
+    let Some(volume) = model.volume().filter(|_| response.hovered()) else { return };
+    let (notches, plane) = (wheel_notches(ui), &shown.plane);
+    let is_zoom = ui.input(|i| i.modifiers.ctrl);
+    let zoom = pinch(ui) * if is_zoom { 0.9f64.powf(-notches) } else { 1.0 };
+    if zoom != 1.0 {
+        let mm = plane.mm_per_px * shorter_px(shown.size) / zoom;
         commands.act(Action::Extent(SliceExtent::Mm(mm)));
-    } else {
+    } else if notches != 0.0 {
         let normal = plane.right.cross(plane.down);
-        let along = normal.abs().dot(volume.grid.spacing_mm).max(0.1);
-        let p = model.crosshair_mm + normal * along * notches;
+        let p = model.crosshair_mm + normal * slice_step_mm(volume, normal) * notches;
         commands.act(Action::Crosshair(p.to_array()));
     }
 }

@@ -123,6 +123,12 @@ pub fn side_letters(direction: DVec3) -> String {
     parts.iter().take(2).filter(|p| p.0 > 0.4).map(|p| p.1).collect()
 }
 
+/// Millimetres from one slice of a volume to the next along a unit direction.
+pub fn slice_step_mm(volume: &Volume, along: DVec3) -> f64 {
+    let grid = &volume.grid;
+    (grid.direction.transpose() * along).abs().dot(grid.spacing_mm).max(0.1)
+}
+
 /// Value of the voxel at a place, as the scan has it: between voxels nothing was measured.
 pub fn value_at(volume: &Volume, p_mm: DVec3) -> Option<f64> {
     let voxel = volume.grid.nearest_voxel(p_mm)?;

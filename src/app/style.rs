@@ -32,3 +32,14 @@ pub(super) fn wheel_notches(ui: &Ui) -> f64 {
             .sum()
     })
 }
+
+/// Factor by which two fingers spread in this frame; 1 without any.
+pub(super) fn pinch(ui: &Ui) -> f64 {
+    ui.input(|i| {
+        let factor = |e: &egui::Event| match e {
+            egui::Event::Zoom(factor) if factor.is_finite() && *factor > 0.0 => f64::from(*factor),
+            _ => 1.0,
+        };
+        i.raw.events.iter().map(factor).product()
+    })
+}

@@ -5,11 +5,11 @@ use egui::Ui;
 
 use super::action::{Action, ActionQueue, FOV_DEG, PaneLayout, Request, SPEED_MM_S};
 use super::computation::WorkStatus;
-use super::dialogs::FILES;
+use super::dialogs::{Dialogs, FILES, open_request};
 use super::model::Model;
 use super::side_panel::Tab;
 use super::style::{FAINT, WRONG};
-use super::ui::UiState;
+use super::ui::{PairState, UiState};
 
 /// Lays out the steps of a reading, the layouts, and the work in progress.
 pub(super) fn top_bar(
@@ -36,19 +36,12 @@ pub(super) fn top_bar(
 const ONE_LINE: f32 = 1000.0;
 
 fn controls(ui: &mut Ui, model: &Model, state: &mut UiState, commands: &mut ActionQueue) {
-    ui.menu_button("1 Open", |ui| {
-        if ui.button("File").on_hover_text(FILES).clicked() {
-            state.dialogs.open.pick_file();
-        }
-        if ui.button("Folder").on_hover_text("A DICOM series").clicked() {
-            state.dialogs.open.pick_directory();
-        }
-        for case in &model.recent {
-            if ui.button(&case.name).on_hover_text("Opened before").clicked() {
-                commands.ask(Request::OpenKept(case.file.clone()));
-            }
-        }
-    });
+    // A click into the field for a path does not close it.
+    let stays = egui::containers::menu::MenuConfig::new()
+        .close_behavior(egui::PopupCloseBehavior::CloseOnClickOutside);
+    egui::containers::menu::MenuButton::new("1 Open")
+        .config(stays)
+        .ui(ui, |ui| open_menu(ui, model, state, commands));
     for ReadingStep { name, tab, missing } in steps(model) {
         let is_here = missing.is_none() && state.panel.tab == tab;
         let button = ui.add_enabled(missing.is_none(), egui::Button::selectable(is_here, name));
@@ -57,7 +50,8 @@ fn controls(ui: &mut Ui, model: &Model, state: &mut UiState, commands: &mut Acti
         }
     }
     ui.separator();
-    for (layout, name) in PaneLayout::ALL {
+    // Two cases have one layout.
+    for (layout, name) in PaneLayout::ALL.into_iter().filter(|_| !state.is_pair) {
         if ui.selectable_label(model.layout == layout, name).clicked() {
             commands.act(Action::Layout(layout));
         }
@@ -68,6 +62,73 @@ fn controls(ui: &mut Ui, model: &Model, state: &mut UiState, commands: &mut Acti
     }
     if ui.button("Keys").on_hover_text("F1").clicked() {
         commands.act(Action::ToggleHelp);
+    }
+}
+
+/// Ways to open a scan or a session: a path, a dialog, a case from before.
+fn open_menu(ui: &mut Ui, model: &Model, state: &mut UiState, commands: &mut ActionQueue) {
+    let dialogs = &mut state.dialogs;
+    let typed = egui::TextEdit::singleline(&mut dialogs.typed).hint_text("path, then Enter");
+    let field = ui.add(typed.desired_width(220.0)).on_hover_text("Of a file or a folder");
+    if field.lost_focus() && ui.input(|i| i.key_pressed(egui::Key::Enter)) {
+        let path = std::mem::take(&mut dialogs.typed);
+        if !path.trim().is_empty() {
+            commands.ask(open_request(path.trim().into()));
+            ui.close();
+        }
+    }
+    dialog_buttons(ui, dialogs, false);
+    for case in &model.recent {
+        if ui.button(&case.name).on_hover_text("Opened before").clicked() {
+            commands.ask(Request::OpenKept(case.file.clone()));
+            ui.close();
+        }
+    }
+    ui.separator();
+    let has_case = model.volume().is_some();
+    ui.add_enabled_ui(has_case, |ui| open_beside(ui, model, dialogs, commands));
+}
+
+/// Buttons that open the dialog for a file or a folder.
+fn dialog_buttons(ui: &mut Ui, dialogs: &mut Dialogs, is_beside: bool) {
+    for (name, tip, is_folder) in [("File", FILES, false), ("Folder", "A DICOM series", true)] {
+        if ui.button(name).on_hover_text(tip).clicked() {
+            dialogs.is_beside = is_beside;
+            match is_folder {
+                true => dialogs.open.pick_directory(),
+                false => dialogs.open.pick_file(),
+            }
+            ui.close();
+        }
+    }
+}
+
+/// What is opened beside the case that is open: the other position of the patient, or another date.
+fn open_beside(ui: &mut Ui, model: &Model, dialogs: &mut Dialogs, commands: &mut ActionQueue) {
+    ui.menu_button("Beside this one", |ui| {
+        dialog_buttons(ui, dialogs, true);
+        for case in &model.recent {
+            if ui.button(&case.name).on_hover_text("Opened before").clicked() {
+                let opens = Request::OpenKept(case.file.clone());
+                commands.ask(Request::Beside(Box::new(opens)));
+                ui.close();
+            }
+        }
+    });
+}
+
+/// Controls of two cases beside each other.
+pub(super) fn pair_controls(ui: &mut Ui, pair: PairState, commands: &mut ActionQueue) {
+    let find = ui.button("find in the other");
+    if find.on_hover_text("Flies the other eye to the same share of its path (F)").clicked() {
+        commands.ask(Request::FindInOther);
+    }
+    let tip = "Both eyes move together along their paths (L)";
+    if ui.selectable_label(pair.is_linked, "linked").on_hover_text(tip).clicked() {
+        commands.ask(Request::Link(!pair.is_linked));
+    }
+    if ui.small_button("close").on_hover_text("Closes this case; the other stays").clicked() {
+        commands.ask(Request::CloseCase);
     }
 }
 
@@ -162,5 +223,46 @@ fn what_is_at_work(
                 ui.add(egui::Label::new(message).truncate()).on_hover_text(message);
             });
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::panel_tests::TestScreen;
+    use super::super::slice_pane::tests::button;
+    use super::*;
+
+    /// A typed folder led to an empty list of the folder above.
+    #[test]
+    fn a_typed_path_of_a_folder_is_opened() {
+        let (model, mut state) = (Model::new(20.0), UiState::default());
+        let mut screen = TestScreen::sized(egui::vec2(1280.0, 700.0));
+        let mut frame = |events| {
+            let mut commands = ActionQueue::default();
+            let texts =
+                screen.frame(events, |ui| top_bar(ui, &model, &mut state, None, &mut commands));
+            (texts, commands.requests)
+        };
+        frame(Vec::new());
+        let texts = frame(Vec::new()).0;
+        let mut click = |text: &str, texts: &[(String, egui::Rect)]| {
+            let at = texts.iter().find(|(t, _)| t == text).expect(text).1.center();
+            frame(vec![egui::Event::PointerMoved(at)]);
+            frame(vec![button(at, true)]);
+            frame(vec![button(at, false)]);
+            frame(Vec::new()).0
+        };
+        let texts = click("1 Open", &texts);
+        let texts = click("path, then Enter", &texts);
+        assert!(texts.iter().any(|(t, _)| t == "Folder"), "the menu stays open: {texts:?}");
+        frame(vec![egui::Event::Text("scans/chest ".into())]);
+        let enter = egui::Event::Key {
+            key: egui::Key::Enter,
+            physical_key: None,
+            pressed: true,
+            repeat: false,
+            modifiers: egui::Modifiers::NONE,
+        };
+        assert_eq!(frame(vec![enter]).1, [Request::Open("scans/chest".into())]);
     }
 }

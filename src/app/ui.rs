@@ -1,39 +1,24 @@
 //! Panels and panes. One function a part; each takes the model as it is and returns actions.
 
-use egui::{Align2, Color32, FontId, Pos2, Rect, Response, Sense, Stroke, Ui, Vec2, pos2, vec2};
-use glam::DVec3;
-
-use super::action::{Action, ActionQueue, Command, Pane, PaneLayout, Request, WallView};
-use super::branch_panel::branch_under;
+use super::action::{Action, ActionQueue, Command, Pane, Request};
 use super::computation::WorkStatus;
 use super::dialogs::{Dialogs, ask_to_save, opened};
-use super::first_page::first_page;
 use super::grey_window::slice_row;
-use super::inside_marks::{inside_marks, mark_under, measurements, missed_mark, value_behind};
-use super::inside_pane::{in_pane, ray_at};
-use super::keys::{help, keys};
-use super::labels::Labels;
-use super::layout::places;
-use super::lumen_panel::lumen_question;
+use super::keys::{help, keys, pair_keys};
+use super::layout::{Half, Places, halves, places};
 use super::model::Model;
-use super::overview_pane::{OverviewCamera, overview_input, zoom_mark};
+use super::pane_view::show_pane;
 use super::side_panel::{PanelState, side_panel};
-use super::slice_pane::{SliceViews, show_slice};
-use super::style::{FAINT, TEXT, WRONG, pixels, wheel_notches};
+use super::slice_pane::SliceViews;
+use super::style::{FAINT, pixels};
 use super::timeline::timeline;
-use super::top_bar::{top_bar, transport};
+use super::top_bar::{pair_controls, top_bar, transport};
 use crate::formats::NOTICE;
+use egui::{Align2, FontId, Pos2, Rect, Ui, pos2, vec2};
 
-/// Textures of the two drawn panes.
-pub const INSIDE: egui::TextureId = egui::TextureId::User(0);
-pub const OVERVIEW: egui::TextureId = egui::TextureId::User(1);
-
-/// Returns the next step for a user after a failure.
-fn what_next(model: &Model) -> &'static str {
-    match model.volume() {
-        Some(_) => "Choose an organ or a range of values on the right.",
-        None => "Open another volume.",
-    }
+/// Texture of a drawn pane: of each case the inside view, then the overview.
+fn texture(case: usize, pane: Pane) -> egui::TextureId {
+    egui::TextureId::User(2 * case as u64 + u64::from(pane == Pane::Overview))
 }
 
 /// State that the panels keep from frame to frame beside the model.
@@ -44,6 +29,8 @@ pub struct UiState {
     /// When a pane was clicked, s, and what that leads to.
     click: Option<(f64, Command)>,
     pub(super) dialogs: Dialogs,
+    /// Whether another case is shown beside this one.
+    pub(super) is_pair: bool,
     /// Whether the last frame showed something that Escape closes by itself: a text field takes
     /// the focus back before the keys of a frame are looked at.
     is_escape_taken: bool,
@@ -76,30 +63,54 @@ pub struct PaneSizes {
     pub overview: Option<[u32; 2]>,
 }
 
-/// Lays the window out.
-///
-/// * `status`: what is at work.
-pub fn window(
-    ui: &mut Ui,
-    model: &Model,
-    state: &mut UiState,
-    status: Option<&WorkStatus>,
-    commands: &mut ActionQueue,
-) -> PaneSizes {
+/// A case as the window shows it.
+pub struct CaseUi<'a> {
+    pub model: &'a Model,
+    pub state: &'a mut UiState,
+    /// Work in progress.
+    pub status: Option<WorkStatus>,
+    /// Name of its file or folder.
+    pub name: String,
+    /// Commands of keys, panels and panes.
+    pub commands: ActionQueue,
+    /// Sizes that its drawn panes have now.
+    pub sizes: PaneSizes,
+}
+
+/// Two cases beside each other, or one alone.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PairState {
+    /// The case that keys and panels are of.
+    pub active: usize,
+    /// Whether both eyes move together.
+    pub is_linked: bool,
+}
+
+/// Lays the window out: panels of the active case about the panes of each.
+pub fn window(ui: &mut Ui, cases: &mut [CaseUi<'_>], pair: PairState) {
+    let is_pair = cases.len() > 1;
+    let CaseUi { model, state, status, commands, .. } = &mut cases[pair.active];
     keys(ui, model, state.is_escape_taken, commands);
+    state.is_pair = is_pair;
+    if is_pair {
+        pair_keys(ui, model, pair, commands);
+    }
     let shortcut = |key| {
         let keys = egui::KeyboardShortcut::new(egui::Modifiers::COMMAND, key);
         ui.input_mut(|i| i.consume_shortcut(&keys))
     };
     if shortcut(egui::Key::O) {
+        state.dialogs.is_beside = false;
         state.dialogs.open.pick_file();
     }
     state.panel.saves_session |= shortcut(egui::Key::S) && model.products.identity.is_some();
     opened(ui, &mut state.dialogs, commands);
-    egui::Panel::top("top").show(ui, |ui| top_bar(ui, model, state, status, commands));
-    egui::Panel::bottom("timeline")
-        .exact_size(timeline_height(ui))
-        .show(ui, |ui| timeline(ui, model, commands));
+    egui::Panel::top("top").show(ui, |ui| top_bar(ui, model, state, status.as_ref(), commands));
+    if !is_pair {
+        egui::Panel::bottom("timeline")
+            .exact_size(timeline_height(ui))
+            .show(ui, |ui| timeline(ui, model, commands));
+    }
     if !model.hides_panel {
         egui::Panel::right("notes")
             .default_size(PANEL)
@@ -109,39 +120,33 @@ pub fn window(
     if std::mem::take(&mut state.panel.saves_session) {
         state.dialogs.save.save_file();
     }
-    let mut sizes = PaneSizes::default();
-    let mut of_panes = ActionQueue::default();
-    let is_computing = status.is_some_and(|s| s.is_computing);
+    let hides_panel = model.hides_panel;
     egui::CentralPanel::no_frame().show(ui, |ui| {
-        let shown = places(ui.max_rect(), model.layout, model.large_slice, model.maximised);
-        if let Some(rect) = shown.transport {
-            row(ui, rect, |ui| transport(ui, model, commands));
+        let whole = ui.max_rect();
+        if is_pair {
+            for (i, half) in halves(whole).into_iter().enumerate() {
+                ui.push_id(i, |ui| half_of_pair(ui, half, cases, i, pair));
+            }
+        } else {
+            let model = cases[0].model;
+            let places = places(whole, model.layout, model.large_slice, model.maximised);
+            show_places(ui, &places, &mut cases[0], 0);
         }
-        if model.hides_panel {
+        if hides_panel {
             // The panel has it otherwise: pictures of the window bear it in any case.
-            let at = ui.max_rect().center_top() + vec2(0.0, 4.0);
+            let at = whole.center_top() + vec2(0.0, 4.0);
             let (font, top) = (FontId::proportional(10.0), egui::Order::Foreground);
             let layer = egui::LayerId::new(top, egui::Id::new("notice"));
             ui.ctx().layer_painter(layer).text(at, Align2::CENTER_TOP, NOTICE, font, FAINT);
         }
-        if let Some(rect) = shown.presets {
-            row(ui, rect, |ui| slice_row(ui, model, commands));
-        }
-        for (pane, rect) in shown.panes {
-            let rect = on_pixels(ui, rect);
-            let size = pixels(ui, rect);
-            match pane {
-                Pane::Inside => sizes.inside = Some(size),
-                Pane::Overview => sizes.overview = Some(size),
-                _ => {}
-            }
-            show_pane(ui, pane, rect, model, &mut state.slices, is_computing, &mut of_panes);
-        }
     });
-    delay_clicks(ui, &mut state.click, &mut of_panes);
-    commands.actions.append(&mut of_panes.actions);
-    commands.requests.append(&mut of_panes.requests);
-    ask_to_save(ui, model, &mut state.dialogs, commands);
+    // Of all cases the active one first: one question at a time.
+    let leaving = (0..cases.len()).filter(|i| cases[*i].model.leaving.is_some());
+    if let Some(i) = leaving.min_by_key(|i| *i != pair.active) {
+        let CaseUi { model, state, commands, .. } = &mut cases[i];
+        ask_to_save(ui, model, &mut state.dialogs, commands);
+    }
+    let CaseUi { model, state, commands, .. } = &mut cases[pair.active];
     if model.help {
         help(ui, commands);
     }
@@ -149,7 +154,62 @@ pub fn window(
         || egui::Popup::is_any_open(ui.ctx())
         || state.dialogs.is_any_open()
         || model.leaving.is_some();
-    sizes
+}
+
+/// One of two cases: its name, its panes and its scrub bar.
+fn half_of_pair(ui: &mut Ui, half: Half, cases: &mut [CaseUi<'_>], i: usize, pair: PairState) {
+    let is_active = i == pair.active;
+    let name = cases[i].name.clone();
+    row(ui, half.controls, |ui| {
+        let commands = &mut cases[i].commands;
+        if ui.selectable_label(is_active, name).on_hover_text("Keys and panels (F6)").clicked() {
+            commands.ask(Request::Activate(i));
+        }
+        if is_active {
+            pair_controls(ui, pair, commands);
+        }
+    });
+    let places = half.places(cases[i].model.large_slice, cases[i].model.maximised);
+    show_places(ui, &places, &mut cases[i], i);
+    ui.scope_builder(egui::UiBuilder::new().max_rect(half.scrub), |ui| {
+        timeline(ui, cases[i].model, &mut cases[i].commands);
+    });
+    // Whoever presses a button over a case works on it.
+    let is_pressed = ui.input(|input| {
+        let at = input.pointer.press_origin().filter(|_| input.pointer.any_pressed());
+        at.is_some_and(|at| half.whole.contains(at))
+    });
+    let is_free = !ui.ctx().egui_is_using_pointer() || ui.ctx().dragged_id().is_some();
+    if is_pressed && is_free && !is_active {
+        cases[i].commands.ask(Request::Activate(i));
+    }
+}
+
+/// The panes of a case, with what moves them.
+fn show_places(ui: &mut Ui, places: &Places, case: &mut CaseUi<'_>, number: usize) {
+    let CaseUi { model, state, status, commands, sizes, .. } = case;
+    if let Some(rect) = places.transport {
+        row(ui, rect, |ui| transport(ui, model, commands));
+    }
+    if let Some(rect) = places.presets {
+        row(ui, rect, |ui| slice_row(ui, model, commands));
+    }
+    let is_computing = status.as_ref().is_some_and(|s| s.is_computing);
+    let mut of_panes = ActionQueue::default();
+    for (pane, rect) in &places.panes {
+        let rect = on_pixels(ui, *rect);
+        let size = pixels(ui, rect);
+        match pane {
+            Pane::Inside => sizes.inside = Some(size),
+            Pane::Overview => sizes.overview = Some(size),
+            _ => {}
+        }
+        let pane = (*pane, texture(number, *pane));
+        show_pane(ui, pane, rect, model, &mut state.slices, is_computing, &mut of_panes);
+    }
+    delay_clicks(ui, &mut state.click, &mut of_panes);
+    commands.actions.append(&mut of_panes.actions);
+    commands.requests.append(&mut of_panes.requests);
 }
 
 /// Width of the panel on the right, points; it can be drawn to twice as much.
@@ -204,185 +264,25 @@ fn on_pixels(ui: &Ui, rect: Rect) -> Rect {
     Rect::from_min_max(round(rect.min), round(rect.max))
 }
 
-/// Whether nothing is open, and nothing on its way.
-fn is_empty(model: &Model, is_computing: bool) -> bool {
-    model.volume().is_none() && model.failure.is_none() && model.question.is_none() && !is_computing
-}
-
-/// One pane with what lies over it. `stage`: something is being computed.
-fn show_pane(
-    ui: &mut Ui,
-    pane: Pane,
-    rect: Rect,
-    model: &Model,
-    slices: &mut SliceViews,
-    stage: bool,
-    commands: &mut ActionQueue,
-) {
-    let response = ui.allocate_rect(rect, Sense::click_and_drag());
-    response.widget_info(|| egui::WidgetInfo::labeled(egui::WidgetType::Image, true, pane.title()));
-    let all = Rect::from_min_max(pos2(0.0, 0.0), pos2(1.0, 1.0));
-    let painter = ui.painter_at(rect);
-    painter.rect_filled(rect, 0.0, Color32::from_rgb(12, 12, 14));
-    match pane {
-        Pane::Inside if model.pose.is_some() && model.products.wall.is_some() => {
-            painter.image(INSIDE, rect, all, Color32::WHITE);
-            inside_marks(&painter, rect, model);
-            let pointer = response.hover_pos();
-            pointer.into_iter().for_each(|at| value_behind(&painter, rect, model, at));
-            inside_input(ui, &response, rect, model, &mut slices.grabbed_inside, commands);
-        }
-        Pane::Overview if model.pose.is_some() && model.products.wall.is_some() => {
-            painter.image(OVERVIEW, rect, all, Color32::WHITE);
-            if let Some(camera) = OverviewCamera::of(rect, model) {
-                overview_input(ui, &response, &camera, model, commands);
-                missed_mark(&painter, model, false, |place| camera.in_pane(place));
-                measurements(&painter, model, |place| camera.in_pane(place));
-                orientation_marker(&painter, rect, camera.rotation());
-                zoom_mark(&painter, rect, model);
-            }
-        }
-        Pane::Inside if model.asks_for_lumen() => lumen_question(ui, rect, model, commands),
-        Pane::Inside if is_empty(model, stage) => first_page(ui, rect, model, commands),
-        Pane::Inside | Pane::Overview => {
-            let question = model.question.unwrap_or_default();
-            let (text, colour) = match (&model.failure, stage) {
-                _ if pane == Pane::Overview => (String::new(), FAINT),
-                (Some(failure), _) => (format!("{failure}\n\n{}", what_next(model)), WRONG),
-                (None, _) if model.question.is_some() => (question.into(), TEXT),
-                (None, true) => ("the wall is being made".into(), FAINT),
-                (None, false) => (String::new(), FAINT),
-            };
-            let font = FontId::proportional(14.0);
-            let text = painter.layout(text, font, colour, (rect.width() - 16.0).max(80.0));
-            painter.galley(rect.center() - 0.5 * text.size(), text, colour);
-        }
-        _ => show_slice(ui, pane, rect, &response, model, slices, commands),
-    }
-    if matches!(pane, Pane::Inside | Pane::Overview) || model.volume().is_none() {
-        Labels::new(&painter, rect).title(pane.title());
-    }
-    if pane == Pane::Inside
-        && let Some(pose) = model.pose
-    {
-        orientation_marker(&painter, rect, pose.rotation.as_dquat());
-    }
-    if response.double_clicked() {
-        let is_small = model.layout != PaneLayout::All && model.large_slice != pane;
-        commands.act(match Pane::SLICES.contains(&pane) && is_small && model.maximised.is_none() {
-            true => Action::LargeSlice(pane),
-            false => Action::Maximise((model.maximised != Some(pane)).then_some(pane)),
-        });
-    }
-}
-
-/// Radians a point of dragging turns the eye, for a pane one field of view high.
-fn turn_per_point(rect: Rect, model: &Model) -> f32 {
-    model.fov_deg.to_radians() / rect.height().max(1.0)
-}
-
-fn inside_input(
-    ui: &Ui,
-    response: &Response,
-    rect: Rect,
-    model: &Model,
-    grabbed: &mut Option<(usize, usize)>,
-    commands: &mut ActionQueue,
-) {
-    let drag = response.drag_delta();
-    let per = turn_per_point(rect, model);
-    let is_eye = model.view == WallView::Eye;
-    let primary = response.dragged_by(egui::PointerButton::Primary);
-    let mark_at = |p| mark_under(p, model, |place| in_pane(rect, place, model));
-    if response.drag_started_by(egui::PointerButton::Primary) {
-        let pressed = ui.input(|i| i.pointer.press_origin());
-        *grabbed = pressed.filter(|_| is_eye).and_then(mark_at);
-    }
-    if let Some((measurement, point)) = grabbed.filter(|_| primary) {
-        let at = response.interact_pointer_pos();
-        let wall = at.and_then(|p| model.wall_behind(ray_at(rect, p, model)));
-        if let Some(to) = wall.map(|place| place.to_array()) {
-            commands.act(Action::MoveMark { measurement, point, to });
-        }
-    } else if primary && drag != Vec2::ZERO {
-        let ctrl = ui.input(|i| i.modifiers.ctrl);
-        // As if the wall were held and drawn along.
-        let turn = if ctrl { [0.0, 0.0, per * drag.x] } else { [-per * drag.x, per * drag.y, 0.0] };
-        commands.act(Action::Turn(turn));
-    }
-    let branch = response.interact_pointer_pos().and_then(|p| branch_under(rect, p, model));
-    if let Some(branch) = branch.filter(|_| response.clicked() && is_eye) {
-        commands.ask(Request::Branch(branch));
-    } else if response.clicked()
-        && is_eye
-        && let Some(p) = response.interact_pointer_pos()
-        && let Some(place) = model.wall_behind(ray_at(rect, p, model))
-    {
-        let place = place.to_array();
-        commands.act(match model.ruler {
-            Some(_) => Action::Mark(place),
-            None => Action::ShowInSlices(place),
-        });
-    }
-    if response.dragged_by(egui::PointerButton::Secondary) && drag.y != 0.0 {
-        commands.act(Action::FieldOfView(model.fov_deg + 0.2 * drag.y));
-    }
-    if response.hovered() {
-        let notches = wheel_notches(ui);
-        if notches != 0.0 {
-            let ctrl = ui.input(|i| i.modifiers.ctrl);
-            commands.act(match ctrl {
-                true => Action::FieldOfView(model.fov_deg - 4.0 * notches as f32),
-                false => Action::Travel(WHEEL_MM * notches),
-            });
-        }
-    }
-}
-
-/// A notch of the wheel along the path, mm.
-const WHEEL_MM: f64 = 5.0;
-
-/// Shorter side of a pane from which on the patient's axes have their full size, points.
-const MARKED_PANE: f32 = 330.0;
-
-/// The patient's axes as the eye sees them.
-fn orientation_marker(painter: &egui::Painter, rect: Rect, rotation: glam::DQuat) {
-    // Less of a small pane, whose picture it would hide.
-    let scale = (rect.size().min_elem() / MARKED_PANE).clamp(0.6, 1.0);
-    let centre = rect.left_bottom() + vec2(44.0, -44.0) * scale;
-    // Grey letters are to be read on a light wall too.
-    painter.circle_filled(centre, 42.0 * scale, Color32::from_black_alpha(110));
-    let inverse = rotation.conjugate();
-    let mut axes: Vec<(DVec3, &str)> = vec![
-        (DVec3::X, "L"),
-        (DVec3::NEG_X, "R"),
-        (DVec3::Y, "P"),
-        (DVec3::NEG_Y, "A"),
-        (DVec3::Z, "H"),
-        (DVec3::NEG_Z, "F"),
-    ];
-    // Farther ones first.
-    axes.sort_by(|a, b| (inverse * a.0).z.total_cmp(&(inverse * b.0).z));
-    for (axis, letter) in axes {
-        let v = inverse * axis;
-        let to = centre + vec2(v.x as f32, -v.y as f32) * 26.0 * scale;
-        let near = (0.5 + 0.5 * v.z) as f32;
-        let grey = (90.0 + 150.0 * near) as u8;
-        let colour = Color32::from_gray(grey);
-        painter.line_segment([centre, to], Stroke::new(1.5, colour));
-        let at = centre + vec2(v.x as f32, -v.y as f32) * 35.0 * scale;
-        let font = FontId::proportional((12.0 * scale).max(9.0));
-        painter.text(at, Align2::CENTER_CENTER, letter, font, colour);
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use egui::Vec2;
+
     use super::super::model::{Bookmark, flown_model};
     use super::super::panel_tests::TestScreen;
     use super::super::slice_pane::tests::{button, model_of_a_volume};
     use super::*;
     use crate::volume::phantom::Kind;
+
+    /// The window with one case; its commands are added.
+    fn one_case(ui: &mut Ui, model: &Model, state: &mut UiState, commands: &mut ActionQueue) {
+        let (status, sizes) = (None, PaneSizes::default());
+        let (name, own) = (String::new(), std::mem::take(commands));
+        let mut cases = [CaseUi { model, state, status, name, commands: own, sizes }];
+        window(ui, &mut cases, PairState::default());
+        let [case] = cases;
+        *commands = case.commands;
+    }
 
     /// Commands within a second of clicks in the middle of the axial slice, at these frames.
     fn after_clicks(at: &[usize]) -> ActionQueue {
@@ -402,7 +302,7 @@ mod tests {
             let input =
                 egui::RawInput { screen_rect: Some(screen), time, events, ..Default::default() };
             let mut output = context.run_ui(input, |ui| {
-                window(ui, &model, &mut state, None, &mut all);
+                one_case(ui, &model, &mut state, &mut all);
             });
             output.textures_delta.clear();
         }
@@ -434,7 +334,7 @@ mod tests {
         let mut frame = |events| {
             let mut commands = ActionQueue::default();
             let texts = screen.frame(events, |ui| {
-                window(ui, &model, &mut state, None, &mut commands);
+                one_case(ui, &model, &mut state, &mut commands);
             });
             (texts, commands.actions)
         };
@@ -500,7 +400,7 @@ mod tests {
                 });
             }
             let mut output = context.run_ui(input, |ui| {
-                window(ui, &model, &mut state, None, &mut ActionQueue::default());
+                one_case(ui, &model, &mut state, &mut ActionQueue::default());
             });
             output.textures_delta.clear();
             found = output.shapes.iter().flat_map(|s| text_of(&s.shape, s.clip_rect)).collect();

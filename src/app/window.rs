@@ -12,7 +12,7 @@ use winit::event::{StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
 use winit::window::{Window, WindowId};
 
-use super::action::{ActionQueue, Request};
+use super::action::ActionQueue;
 use super::canvas::Target;
 use super::error::AppError;
 use super::panes::Detail;
@@ -56,10 +56,8 @@ pub fn open(options: WindowOptions) -> Result<(), AppError> {
     let mut app = App { options, proxy, running: None, failed: None, begun };
     let ran = events.run_app(&mut app);
     if let Some(running) = app.running.as_mut().filter(|_| app.failed.is_none()) {
-        let saved = running.viewer.save_session();
+        let saved = running.viewer.close();
         running.report_save(saved);
-        let kept = running.viewer.keep_notes(true);
-        running.report_save(kept);
     }
     // The window goes before the display connection does.
     app.running = None;
@@ -284,7 +282,7 @@ impl ApplicationHandler for App {
         match event {
             // It asks to be drawn again for having been drawn.
             WindowEvent::RedrawRequested => self.redraw(events),
-            WindowEvent::CloseRequested if running.viewer.holds_back(&Request::Quit) => {
+            WindowEvent::CloseRequested if running.viewer.holds_back_quit() => {
                 running.window.request_redraw();
             }
             WindowEvent::CloseRequested | WindowEvent::Destroyed => events.exit(),
@@ -307,11 +305,6 @@ impl Running {
     fn frame(&mut self, begun: Instant) -> Result<bool, AppError> {
         let now = Instant::now();
         self.viewer.receive(&mut self.gpu)?;
-        if let Err(e) = self.viewer.apply_notes(&mut self.gpu) {
-            tracing::error!("{e}");
-            // Slices and wall are as good as ever.
-            self.viewer.model.message = Some(e.to_string());
-        }
         let received = now.elapsed();
         let PhysicalSize { width, height } = self.window.inner_size();
         let Some(image) = self.gpu.acquire([width, height])? else {
@@ -390,15 +383,17 @@ impl Running {
     fn report_save(&mut self, saved: Result<(), AppError>) {
         let Err(e) = saved else { return };
         let message = format!("bookmarks are not saved: {e}");
-        if self.viewer.model.message.as_ref() != Some(&message) {
+        let shown = &mut self.viewer.active().model.message;
+        if shown.as_ref() != Some(&message) {
             tracing::error!("{message}");
         }
-        self.viewer.model.message = Some(message);
+        *shown = Some(message);
     }
 
     /// Logs how far it has come, once each.
     fn report_progress(&mut self, begun: Instant) {
-        let reached = [true, self.viewer.has_pictures(), self.viewer.model.is_complete];
+        let [has_pictures, is_complete] = self.viewer.progress();
+        let reached = [true, has_pictures, is_complete];
         let names = ["first frame", "first picture of the wall", "everything is computed"];
         for ((reported, reached), name) in self.reported.iter_mut().zip(reached).zip(names) {
             if reached && !*reported {

@@ -27,6 +27,10 @@ pub struct Args {
     /// Bookmarks and how the window is set: read if it is there, saved as bookmarks are made
     #[arg(long, value_name = "FILE.json")]
     session: Option<PathBuf>,
+    /// Another volume or session file, shown beside the first: the other position of the patient, or
+    /// another date; its organ is that of the first
+    #[arg(long, value_name = "FILE", requires = "input")]
+    beside: Option<PathBuf>,
     /// Folder of what is exported from the window: pictures, the flight, the report
     #[arg(long, value_name = "DIR", default_value = "intima-export", conflicts_with = "script")]
     export: PathBuf,
@@ -85,21 +89,23 @@ impl Args {
         };
         let named = self.input.is_some() || self.lumen.mask.is_some();
         let source = named.then(|| self.lumen.source(self.input.as_deref())).transpose()?;
-        let session_file = self.session.clone();
+        let (session_file, beside) = (self.session.clone(), self.beside.clone());
         match (&self.script, &self.frames_out) {
             (Some(script), Some(folder)) => {
                 let script = Script::read(script)?;
                 let mut gpu = Gpu::open(device).map_err(AppError::from)?;
                 let export = folder.clone();
                 let state = self.state.clone();
-                let options = ViewerOptions { source, settings, session_file, export, state };
+                let options =
+                    ViewerOptions { source, settings, session_file, beside, export, state };
                 let pictures = app::play(&mut gpu, options, &script)?;
                 global.say(format_args!("wrote {} pictures to {}", pictures.len(), shown(folder)))
             }
             _ => {
                 let export = self.export.clone();
                 let state = self.state.clone().or_else(atomic_file::user_state);
-                let viewer = ViewerOptions { source, settings, session_file, export, state };
+                let viewer =
+                    ViewerOptions { source, settings, session_file, beside, export, state };
                 Ok(app::open(WindowOptions { size, device, viewer })?)
             }
         }

@@ -83,6 +83,7 @@ impl Model {
         let Some(path) = &self.path else { return };
         self.playing = !self.playing;
         if self.playing {
+            self.cine = None;
             // From the end it begins anew.
             let length = path.length_mm();
             let start = match (self.reverse, self.arc_mm) {
@@ -123,7 +124,8 @@ impl Model {
     /// Whether another frame is to be drawn although nothing is asked for: the eye moves by itself,
     /// or the panels show a speed of it that is over.
     pub(in super::super) fn wants_frame(&self) -> bool {
-        self.is_moving() || self.flown_mm_s().is_some() || self.showed_speed
+        let flies = self.is_moving() || self.flown_mm_s().is_some() || self.showed_speed;
+        flies || self.runs_cine()
     }
 
     /// Branches that can be taken here, those ahead of the eye first to come.

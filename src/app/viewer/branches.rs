@@ -1,10 +1,10 @@
 //! Flights along branches of the centerline: one that is asked for, or that a saved eye flew.
 
 use super::super::computation::TaskKind;
-use super::Viewer;
+use super::open_case::OpenCase;
 use crate::session::{FlightRoute, SessionError};
 
-impl Viewer {
+impl OpenCase {
     /// Plans a flight along another branch of the centerline.
     pub(super) fn plan_branch(&mut self, route: FlightRoute) -> Result<(), SessionError> {
         self.spawn(TaskKind::Branch, move |session| {

@@ -7,7 +7,7 @@ use super::super::error::AppError;
 use super::super::export::{self, Notes};
 use super::super::finding;
 use super::super::saved_flight::save_flight;
-use super::Viewer;
+use super::open_case::OpenCase;
 use crate::flight::Frames;
 use crate::formats::{encode_png, shown};
 use crate::session::SessionError;
@@ -19,7 +19,7 @@ pub(super) fn wrote(path: &Path) -> String {
     format!("wrote {}", shown(whole.as_deref().unwrap_or(path)))
 }
 
-impl Viewer {
+impl OpenCase {
     /// The inside view as PNG, where it shows something.
     pub(super) fn inside_png(&self, gpu: &mut Gpu) -> Result<Option<Vec<u8>>, AppError> {
         if !self.panes.has_pictures() {

@@ -14,8 +14,8 @@ use super::super::opening::{Opening, SavedLumen};
 use super::super::panes::Detail;
 use super::super::saved_case::SavedCase;
 use super::super::session_file::{AddedNotes, NotesFile, SessionFile};
-use super::Viewer;
 use super::exports::wrote;
+use super::open_case::OpenCase;
 use crate::session::Product;
 use crate::vk::Gpu;
 
@@ -65,7 +65,7 @@ impl Files {
     }
 }
 
-impl Viewer {
+impl OpenCase {
     /// Sets the model as the session file says, once the volume is known, and looks for kept notes.
     ///
     /// # Errors
@@ -256,12 +256,15 @@ impl Viewer {
                 | Request::OpenKept(_)
                 | Request::Series(_)
                 | Request::Segment(_)
+                | Request::CloseCase
         );
         if leaves && self.files.own.is_some() && self.model.has_unsaved_notes() {
             let saved = self.save_session();
             saved.err().iter().for_each(|e| tracing::error!("bookmarks are not saved: {e}"));
         }
-        let (leaves_notes, loses_flight) = (self.model.has_unsaved_notes(), self.is_saving());
+        let is_answered = self.left_unsaved == Some(self.model.notes_version());
+        let leaves_notes = self.model.has_unsaved_notes() && !is_answered;
+        let loses_flight = self.is_saving() && !is_answered;
         // Nobody answers a script.
         if !leaves || !(leaves_notes || loses_flight) || self.detail == Detail::Settled {
             return false;
@@ -372,7 +375,7 @@ impl Viewer {
     /// came to be known, the file stays as it is.
     ///
     /// # Errors
-    /// As [`Viewer::save_notes`].
+    /// As [`OpenCase::save_notes`].
     pub fn save_session(&mut self) -> Result<(), AppError> {
         let folder = self.files.own.as_ref().and_then(|own| own.path.parent());
         let Some(file) = self.session_file(folder).filter(|_| self.files.own.is_some()) else {
@@ -391,7 +394,7 @@ impl Viewer {
     /// * `at_once`: the window or the volume is closed.
     ///
     /// # Errors
-    /// As [`Viewer::save_notes`], if there are notes. A place alone is no reason to bother anybody.
+    /// As [`OpenCase::save_notes`], if there are notes. A place alone is no reason to bother anybody.
     pub fn keep_notes(&mut self, at_once: bool) -> Result<(), AppError> {
         let (state, now) = (self.state_to_keep(), Instant::now());
         let is_due = match &self.files.is_kept {

@@ -3,15 +3,22 @@
 use std::path::Path;
 
 use super::Viewer;
+use super::open_case::OpenCase;
 use crate::formats::shown;
 use crate::session::{Source, VolumeSource};
 
 impl Viewer {
-    /// The window's title: the name of the file or folder that is open, nothing of its contents.
+    /// The window's title: names of the files or folders that are open, nothing of their contents.
     pub fn title(&self) -> String {
-        const PROGRAM: &str = "intima";
-        let name = self.computation.as_ref().and_then(|c| file_name(c.session.source()));
-        name.map_or(PROGRAM.into(), |name| format!("{name} - {PROGRAM}"))
+        let names = self.cases.iter().filter_map(OpenCase::name);
+        names.chain(["intima".to_owned()]).collect::<Vec<_>>().join(" - ")
+    }
+}
+
+impl OpenCase {
+    /// Name of the file or folder that is open.
+    pub(super) fn name(&self) -> Option<String> {
+        self.computation.as_ref().and_then(|c| file_name(c.session.source()))
     }
 
     /// Begins the name of an exported file with that of the case, so that no two cases are mixed up.
