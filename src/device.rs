@@ -122,24 +122,43 @@ impl Device {
     }
 
     /// Runs a plan to its end. Where a buffer or a launch is larger than the GPU takes at once, or
-    /// its memory runs out, the CPU twins run the plan instead, with a warning.
+    /// its memory runs out, the CPU twins run the plan instead, with a warning. A device that was lost
+    /// is opened anew and runs the plan again; if it is lost again, or cannot be opened, the CPU
+    /// computes from then on.
     ///
     /// # Errors
     /// See [`Gpu::run`]; the CPU has none.
     pub fn run(&mut self, plan: &Plan<'_>) -> Result<Outputs, DeviceError> {
-        match self {
-            Self::Cpu => Ok(run_cpu(plan)),
-            Self::Gpu(gpu) => match gpu.run(plan) {
-                Err(
-                    e @ (VkError::TooLarge { .. }
-                    | VkError::TooManyThreads { .. }
-                    | VkError::OutOfMemory { .. }),
-                ) => {
-                    tracing::warn!("{e}; the CPU computes it instead");
-                    Ok(run_cpu(plan))
+        let Self::Gpu(gpu) = self else { return Ok(run_cpu(plan)) };
+        let mut outcome = gpu.run(plan);
+        if let Err(e) = &outcome
+            && e.is_lost()
+        {
+            tracing::warn!("{e}; the device is opened again");
+            outcome = match gpu.opened_anew() {
+                Ok(new) => {
+                    **gpu = new;
+                    gpu.run(plan)
                 }
-                result => Ok(result?),
-            },
+                Err(e) => Err(e),
+            };
+        }
+        match outcome {
+            Ok(out) => Ok(out),
+            Err(
+                e @ (VkError::TooLarge { .. }
+                | VkError::TooManyThreads { .. }
+                | VkError::OutOfMemory { .. }),
+            ) => {
+                tracing::warn!("{e}; the CPU computes it instead");
+                Ok(run_cpu(plan))
+            }
+            Err(e) if e.is_lost() || e.is_no_device() => {
+                tracing::warn!("{e}; the CPU computes from now on");
+                *self = Self::Cpu;
+                Ok(run_cpu(plan))
+            }
+            Err(e) => Err(e.into()),
         }
     }
 

@@ -30,7 +30,7 @@ pub struct WindowOptions {
     pub viewer: ViewerOptions,
 }
 
-/// Shortest time between frames of a flight: not every driver waits for the screen.
+/// Shortest time between frames of a flight on software Vulkan; a card waits for the screen.
 const FRAME: Duration = Duration::from_millis(16);
 /// Time between two looks at the progress line.
 const PROGRESS: Duration = Duration::from_millis(250);
@@ -351,7 +351,8 @@ impl Running {
         self.times.note(is_computing, drawn);
         let is_at_work = self.viewer.is_computing() || self.viewer.is_saving();
         let computing = is_at_work.then_some(PROGRESS);
-        let wanted = again_in.map(|s| Duration::from_secs_f64(s.min(3600.0)).max(FRAME));
+        let least = if self.gpu.info().is_real() { Duration::ZERO } else { FRAME };
+        let wanted = again_in.map(|s| Duration::from_secs_f64(s.min(3600.0)).max(least));
         let again = self.viewer.has_unsaved_notes().then_some(SAVE_AGAIN);
         let next = wanted.into_iter().chain(computing).chain(again).min();
         self.again_at = next.map(|after| now + after);

@@ -130,10 +130,22 @@ impl Clock {
         self.record(name, device, since, items, kernels);
     }
 
-    /// Milliseconds of all stages together.
-    pub fn total_ms(&self) -> f64 {
-        self.stages.iter().map(|s| s.ms).sum()
+    /// Milliseconds since this clock began that lie in no stage.
+    pub fn unnamed_ms(&self) -> f64 {
+        in_no_stage(&self.stages, self.elapsed_ms())
     }
+}
+
+/// Milliseconds of a time that lie in none of its stages.
+fn in_no_stage(stages: &[StageTime], whole_ms: f64) -> f64 {
+    let mut spans: Vec<[f64; 2]> = stages.iter().map(|s| [s.start_ms, s.start_ms + s.ms]).collect();
+    spans.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let (mut named, mut end) = (0.0, 0.0f64);
+    for [from, to] in spans {
+        named += (to - from.max(end)).max(0.0);
+        end = end.max(to);
+    }
+    (whole_ms - named).max(0.0)
 }
 
 fn milliseconds(time: Duration) -> f64 {
@@ -143,6 +155,18 @@ fn milliseconds(time: Duration) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn time_in_no_stage_is_counted_once_however_stages_overlap() {
+        let (device, kernels) = ("cpu".to_owned(), Vec::new());
+        let any =
+            StageTime { name: "s", device, start_ms: 0.0, ms: 0.0, items: 0, unit: "", kernels };
+        let stage = |start_ms, ms| StageTime { start_ms, ms, ..any.clone() };
+        let stages = [stage(50.0, 40.0), stage(0.0, 60.0), stage(10.0, 10.0)];
+        assert_eq!(in_no_stage(&stages, 100.0), 10.0);
+        assert_eq!(in_no_stage(&[stage(10.0, 10.0), stage(30.0, 10.0)], 40.0), 20.0);
+        assert_eq!(in_no_stage(&[], 7.0), 7.0);
+    }
 
     #[test]
     fn stages_keep_their_place_in_time_when_another_clock_takes_them() {

@@ -38,7 +38,8 @@ impl Session {
         let lumen = &segmented.lumen;
         let world = lumen.grid.world_from_voxel();
         let mut out = String::from("i,j,k,x,y,z,patch\n");
-        for (element, patch) in unseen_voxels(lumen, &tree, &coverage) {
+        let unseen = self.pool.install(|| unseen_voxels(lumen, &tree, &coverage));
+        for (element, patch) in unseen {
             let v = lumen.bricks.voxel(element as usize);
             let p = world.transform_point3(v.as_dvec3());
             let v = lumen.stored_voxel(v);

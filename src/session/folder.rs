@@ -292,8 +292,19 @@ impl Session {
         if recording.base {
             self.write_mesh(&folder.join(BASE_FILE), &*self.base()?)?;
         }
-        let csv = self.unseen_csv()?;
-        Ok(atomic_file::write_atomic(&folder.join("unseen.csv"), |o| o.write_all(csv.as_bytes()))?)
+        let mut clock = self.clock().fork();
+        let written = clock.time(
+            "write",
+            "files",
+            || {
+                let csv = self.unseen_csv()?;
+                let path = folder.join("unseen.csv");
+                Ok(atomic_file::write_atomic(&path, |o| o.write_all(csv.as_bytes()))?)
+            },
+            |_| 1,
+        );
+        self.clock().merge(clock);
+        written
     }
 
     fn write_mesh(&self, path: &Path, mesh: &Mesh) -> Result<(), SessionError> {

@@ -50,7 +50,7 @@ pub struct FrameWriter {
 impl FrameWriter {
     /// A writer into `folder`, which has to be there.
     ///
-    /// * `threads`: of the session; a quarter at most encode.
+    /// * `threads`: of the session; half of them encode, and of eight or fewer up to four.
     /// * `spares`: where pictures are given back.
     ///
     /// # Errors
@@ -66,7 +66,7 @@ impl FrameWriter {
             .map(|(path, fps)| VideoWriter::create(path, size[0], size[1], fps))
             .transpose()?;
         let mut writer = Self { queues: Vec::new(), encoders: Vec::new(), video };
-        for _ in 0..threads.clamp(1, 4) {
+        for _ in 0..threads.clamp(1, 4).max(threads / 2) {
             let (send, receive) = sync_channel::<DrawnFrame>(QUEUED);
             let (spares, folder) = (spares.clone(), folder.to_owned());
             let encode = move || -> Result<(), FormatError> {

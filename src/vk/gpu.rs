@@ -18,10 +18,11 @@ use super::ids::ResourceId;
 use super::info::{self, Choice, DeviceInfo};
 use super::instance::{Instance, Validate};
 use super::memory::{Buffer, Memory};
-use super::pieces::Rates;
 use super::pipeline::ComputePipelines;
 use super::plan_memory::Arena;
+use super::plan_pools::PlanPools;
 use super::presentation::{PresentationSurface, Presenter, WindowHandles, display_of};
+use super::rates::Rates;
 use super::resources::{GpuBuffer, GpuImage};
 use super::retire::{Releaser, RetireQueue, Retired};
 use super::staging::Staging;
@@ -97,6 +98,8 @@ pub struct Gpu {
     pub(super) rates: Rates,
     /// Memory of the last plan, for the next one.
     pub(super) arena: Arena,
+    /// Descriptors and time stamps of the last plan, for the next one.
+    pub(super) pools: PlanPools,
     /// Memory that results of plans are read back through.
     pub(super) readback: Option<Buffer>,
     /// Counts of what plans asked of the device, and of the least that they had to.
@@ -105,6 +108,8 @@ pub struct Gpu {
     pub(super) waits: Cell<(u64, Duration)>,
     /// The longest submission of a plan so far.
     pub(super) longest_piece: Duration,
+    /// Choice and options that it was opened with.
+    opened_with: (Choice, OpenOptions),
     started: Instant,
     first_dispatch: Option<Duration>,
     pub(super) presenter: Option<Presenter>,
@@ -154,8 +159,19 @@ impl Gpu {
         Self::open_parts(choice, options, Purpose::Present(window))
     }
 
+    /// Opens the same device once more, to compute. Nothing that was made on this one is on the other.
+    ///
+    /// # Errors
+    /// As [`Gpu::open`].
+    pub fn opened_anew(&self) -> Result<Self, VkError> {
+        let (choice, options) = self.opened_with.clone();
+        let purpose = if self.info.draws { Purpose::Draw } else { Purpose::Compute };
+        Self::open_parts(choice, options, purpose)
+    }
+
     fn open_parts(choice: Choice, options: OpenOptions, purpose: Purpose) -> Result<Self, VkError> {
         let started = Instant::now();
+        let opened_with = (choice, options.clone());
         let to_draw = !matches!(purpose, Purpose::Compute);
         let window = match purpose {
             Purpose::Present(window) => Some(window),
@@ -183,6 +199,7 @@ impl Gpu {
         let unified = info.unified_memory && !options.always_stage;
         let memory = Memory::new(&instance, &device, physical, unified)?;
         // Each destroys itself when a later one fails.
+        let rates = Rates::open(&info.limits, options.cache_dir.as_deref());
         let cache = Cache::open(&device, &info.limits, options.cache_dir)?;
         let commands = Commands::new(&device, info.limits.queue_family)?;
         let timeline = Timeline::new(&device)?;
@@ -200,12 +217,14 @@ impl Gpu {
             releaser: Releaser::default(),
             made: None,
             transitions: Vec::new(),
-            rates: Rates::default(),
+            rates,
             arena: Arena::default(),
+            pools: PlanPools::default(),
             readback: None,
             counts: Default::default(),
             waits: Cell::new((0, Duration::ZERO)),
             longest_piece: Duration::ZERO,
+            opened_with,
             started,
             first_dispatch: None,
             memory: ManuallyDrop::new(memory),
@@ -323,6 +342,7 @@ impl Drop for Gpu {
         self.close_window();
         self.destroy_all();
         self.pipelines.destroy(&self.device);
+        self.pools.destroy(&self.device);
         // SAFETY: each goes once, here, and nothing is used after it: the device is idle, what was
         // made on it is gone before it, and it before its instance.
         unsafe {

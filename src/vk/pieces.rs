@@ -3,22 +3,16 @@
 //!
 //! A launch is cut between workgroups (`vkCmdDispatchBase`), so that threads have the same numbers
 //! in any number of pieces; workgroups of one launch depend on no order. How long a workgroup of a
-//! kernel takes is measured with every piece.
+//! kernel takes is measured with every piece ([`Rates`]).
 
 use std::collections::BTreeMap;
 use std::time::Duration;
 
+use super::rates::Rates;
 use crate::compute::Plan;
 
 /// Target duration of a piece: workgroups differ, and none should take more than 100 ms.
 pub(super) const AIM: Duration = Duration::from_millis(50);
-/// Seconds of a workgroup that was never measured: more than any takes on a driver in software.
-const UNKNOWN_S: f64 = 1e-4;
-/// Least part of a kernel's seconds a workgroup that is kept when a segment was faster.
-const SLOWEST: f64 = 0.8;
-/// Most workgroups of a kernel in a piece, as a multiple of those that were measured last. Those of
-/// one launch differ: bricks in the middle of a lumen take many times as long as those at its wall.
-const GROWTH: f64 = 4.0;
 /// Share of a piece that the first part of a launch may take: its parameters may make it slower
 /// than the launch of the same kernel that was measured.
 const FIRST: f64 = 0.25;
@@ -37,54 +31,14 @@ pub(super) struct LaunchSegment {
 }
 
 impl LaunchSegment {
-    fn count(&self) -> f64 {
+    /// Number of workgroups.
+    pub fn count(&self) -> f64 {
         f64::from(self.groups[0]) * f64::from(self.groups[1])
     }
 
     /// Whether the segment holds its launch's first workgroup.
     pub fn is_first(&self) -> bool {
         self.base == [0, 0]
-    }
-}
-
-/// Speed of a kernel, as last measured.
-#[derive(Clone, Copy)]
-struct Rate {
-    /// Seconds a workgroup.
-    seconds: f64,
-    /// Number of workgroups measured.
-    groups: f64,
-}
-
-/// Speed of each kernel.
-#[derive(Default)]
-pub(super) struct Rates(BTreeMap<&'static str, Rate>);
-
-impl Rates {
-    fn of(&self, kernel: &'static str) -> f64 {
-        self.0.get(kernel).map_or(UNKNOWN_S, |r| r.seconds)
-    }
-
-    /// Most workgroups of a kernel in the next piece; as many as of one never measured are always
-    /// allowed.
-    fn most(&self, kernel: &'static str, aim_s: f64) -> f64 {
-        self.0.get(kernel).map_or(f64::INFINITY, |r| (GROWTH * r.groups).max(aim_s / UNKNOWN_S))
-    }
-
-    /// Updates a kernel's rate from the seconds a segment took. Launches of one kernel differ by
-    /// their parameters, workgroups by their place: a fast one lowers its rate by a fifth at most.
-    pub fn measured(&mut self, kernel: &'static str, segment: &LaunchSegment, seconds: f64) {
-        let groups = segment.count();
-        let seconds = (seconds / groups).max(1e-12);
-        let known = self.0.entry(kernel).or_insert(Rate { seconds, groups });
-        *known = Rate { seconds: seconds.max(SLOWEST * known.seconds), groups };
-    }
-
-    /// Shares the seconds of a piece among its segments, in proportion to their expected durations.
-    pub fn shares(&self, plan: &Plan<'_>, piece: &[LaunchSegment], seconds: f64) -> Vec<f64> {
-        let cost = |s: &LaunchSegment| s.count() * self.of(plan.steps()[s.step].kernel.name());
-        let all: f64 = piece.iter().map(cost).sum();
-        piece.iter().map(|s| seconds * cost(s) / all).collect()
     }
 }
 
@@ -116,7 +70,7 @@ impl Pieces {
     }
 
     /// Returns the next piece: as much as should take at most `aim` and is not much more than was
-    /// measured ([`GROWTH`]), and at least a workgroup, or a row of them where a launch has two
+    /// measured ([`super::rates::GROWTH`]), and at least a workgroup, or a row of them where a launch has two
     /// dimensions.
     pub fn next(&mut self, plan: &Plan<'_>, rates: &Rates, aim: Duration) -> Vec<LaunchSegment> {
         let aim_s = aim.as_secs_f64();
@@ -176,6 +130,7 @@ fn fold(threads: usize, workgroup: u32, limit: u32) -> [u32; 2] {
 
 #[cfg(test)]
 mod tests {
+    use super::super::rates::UNKNOWN_S;
     use super::*;
     use crate::kernels::copy;
 
@@ -215,8 +170,7 @@ mod tests {
         let plan = plan(&launches);
         for (rate, aim_ms) in [(UNKNOWN_S, 50), (1e-6, 50), (1e-3, 5), (1.0, 50), (1e-9, 50)] {
             let mut rates = Rates::default();
-            let one = LaunchSegment { step: 0, base: [0, 0], groups: [1, 1] };
-            rates.measured(copy::KERNEL.name(), &one, rate);
+            rates.set(copy::KERNEL.name(), 1.0, rate);
             let aim = Duration::from_millis(aim_ms);
             let mut pieces = Pieces::new(&plan, 65_535);
             let mut all = Vec::new();
@@ -259,9 +213,10 @@ mod tests {
             let mut count = [0.0; 2];
             for s in &piece {
                 count[s.step] += s.count();
-                // Twenty times as fast as a kernel that was never measured.
-                rates.measured(copy::KERNEL.name(), s, s.count() * UNKNOWN_S / 20.0);
             }
+            // Twenty times as fast as a kernel that was never measured.
+            let took: Vec<f64> = piece.iter().map(|s| s.count() * UNKNOWN_S / 20.0).collect();
+            rates.measured(&plan, &piece, &took);
             counts.push(count);
         }
         let first: Vec<f64> = counts.iter().map(|c| c[0]).filter(|c| *c > 0.0).collect();
@@ -273,15 +228,5 @@ mod tests {
         // The second launch may be slower: it begins with a quarter of a piece.
         let begins = counts.iter().map(|c| c[1]).find(|c| *c > 0.0);
         assert!(begins.is_some_and(|c| (2400.0..=2500.0).contains(&c)), "{begins:?}");
-    }
-
-    #[test]
-    fn a_rate_follows_slower_launches_at_once_and_faster_ones_by_fifths() {
-        let mut rates = Rates::default();
-        let ten = LaunchSegment { step: 0, base: [0, 0], groups: [10, 1] };
-        for (seconds, want) in [(1.0, 0.1), (4.0, 0.4), (0.1, 0.32), (0.1, 0.256), (3.0, 0.3)] {
-            rates.measured("kernel", &ten, seconds);
-            assert!((rates.of("kernel") - want).abs() < 1e-12, "{}", rates.of("kernel"));
-        }
     }
 }

@@ -30,14 +30,6 @@ pub struct RunOptions {
     pub nonsense: bool,
 }
 
-/// Device resources of one run.
-#[derive(Default)]
-struct RunResources {
-    memory: PlanMemory,
-    sets: vk::DescriptorPool,
-    queries: vk::QueryPool,
-}
-
 impl Gpu {
     /// Runs a plan and waits for it.
     ///
@@ -59,20 +51,20 @@ impl Gpu {
         self.check(plan, &bound)?;
         let (start, counted) = (Instant::now(), self.counts[0]);
         let before = (self.timeline.submitted, self.waits.get(), self.memory.allocations());
-        let mut held = RunResources::default();
+        let mut held = PlanMemory::default();
         let result = self.run_held(plan, &bound, options, &mut held);
         if result.is_ok() {
-            self.leave_copies(plan, &mut held.memory);
+            self.leave_copies(plan, &mut held);
         }
-        let (memory, staged) = (&held.memory, !self.memory.unified());
-        self.counts[1].add(&PlanCounts::least(plan, &bound, memory, staged));
+        let staged = !self.memory.unified();
+        self.counts[1].add(&PlanCounts::least(plan, &bound, &held, staged));
         self.counts[0].add(&PlanCounts {
             plans: 1,
             launches: plan.steps().len() as u64,
             allocations: self.memory.allocations() - before.2,
             submissions: self.timeline.submitted - before.0,
             waits: self.waits.get().0 - before.1.0,
-            arena_bytes: memory.bytes(),
+            arena_bytes: held.bytes(),
             wait_us: (self.waits.get().1 - before.1.1).as_micros() as u64,
             ..PlanCounts::default()
         });
@@ -121,18 +113,13 @@ impl Gpu {
         plan: &Plan<'_>,
         bound: &[bool],
         options: RunOptions,
-        held: &mut RunResources,
+        held: &mut PlanMemory,
     ) -> Result<Outputs, VkError> {
-        self.allocate_plan(plan, bound, &mut held.memory)?;
+        self.allocate_plan(plan, bound, held)?;
         let sets = self.write_sets(plan, held)?;
         let steps = plan.steps().len() as u32;
-        if self.info.limits.timestamp_bits > 0 && steps > 0 {
-            let info = vk::QueryPoolCreateInfo::default()
-                .query_type(vk::QueryType::TIMESTAMP)
-                .query_count(steps + 1);
-            // SAFETY: the device is live; the pool goes to `held`, which is destroyed after the wait.
-            held.queries = unsafe { self.device.create_query_pool(&info, None) }
-                .map_err(VkError::of("vkCreateQueryPool"))?;
+        if self.info.limits.timestamp_bits > 0 {
+            self.pools.make_queries(&self.device, steps + 1)?;
         }
         // Pipelines first: creating one can fail, and then nothing has been recorded.
         let mut pipelines = Vec::with_capacity(plan.steps().len());
@@ -145,23 +132,23 @@ impl Gpu {
         let staged = !self.memory.unified();
         let (mut inputs, mut results) = (Vec::new(), Vec::new());
         if staged {
-            inputs = input_batches(plan, &held.memory);
-            results = result_batches(plan, &held.memory);
+            inputs = input_batches(plan, held);
+            results = result_batches(plan, held);
             self.room_for_results(&results)?;
         } else {
-            self.write_in_place(plan, &mut held.memory);
+            self.write_in_place(plan, held);
         }
         // The last batch of inputs goes with the first launches, a single one of results with the
         // last.
         let mut last_input = inputs.pop();
-        self.send_inputs(plan, &held.memory, &inputs)?;
+        self.send_inputs(plan, held, &inputs)?;
 
         let fills = fills(plan, options.nonsense);
         let mut pieces = Pieces::new(plan, self.info.limits.groups[0]);
-        let mut hazards = Hazards::new(&held.memory.layout.aliases);
+        let mut hazards = Hazards::new(&held.layout.aliases);
         let mut seconds = vec![0.0; plan.steps().len()];
         // Earlier plans wrote the copies that they left.
-        let mut sees_copies = !held.memory.buffers.iter().flatten().any(|b| b.is_resident());
+        let mut sees_copies = !held.buffers.iter().flatten().any(|b| b.is_resident());
         loop {
             let piece = pieces.next(plan, &self.rates, options.piece.unwrap_or(AIM));
             let is_last = pieces.is_done();
@@ -169,22 +156,22 @@ impl Gpu {
             let place = inputs.as_ref().map(|batch| self.stage_inputs(plan, batch)).transpose()?;
             let reached = self.reached()?;
             let cmd = self.commands.begin(reached)?;
-            self.reset_stamps(cmd, held, piece.len() as u32 + 1);
+            self.reset_stamps(cmd, piece.len() as u32 + 1);
             if let (Some(batch), Some(place)) = (&inputs, place) {
-                self.record_inputs(cmd, &held.memory, batch, place);
+                self.record_inputs(cmd, held, batch, place);
                 self.barrier(cmd, TRANSFER_WRITE, COMPUTE_ACCESS);
             }
             if !std::mem::replace(&mut sees_copies, true) {
                 self.barrier(cmd, ALL_WRITES, COMPUTE_ACCESS);
             }
-            self.stamp(cmd, held, 0);
+            self.stamp(cmd, 0);
             for (i, segment) in piece.iter().enumerate() {
                 let step = &plan.steps()[segment.step];
                 // Parts of one launch need nothing between them.
                 if segment.is_first() {
                     let clash = hazards.before(step);
                     if !fills[segment.step].is_empty() {
-                        self.record_fills(cmd, &held.memory, &fills[segment.step]);
+                        self.record_fills(cmd, held, &fills[segment.step]);
                     } else if clash && !options.skip_barriers && !fault::hit(fault::Point::Barrier)
                     {
                         self.barrier(cmd, COMPUTE_WRITE, COMPUTE_ACCESS);
@@ -197,14 +184,14 @@ impl Gpu {
                     step,
                     segment,
                 );
-                self.stamp(cmd, held, i as u32 + 1);
+                self.stamp(cmd, i as u32 + 1);
             }
             if is_last && !plan.downloads().is_empty() {
                 match &results[..] {
                     [] => self.barrier(cmd, COMPUTE_WRITE, HOST_READ),
                     [batch] => {
                         self.barrier(cmd, COMPUTE_WRITE, COPY_READ);
-                        self.record_results(cmd, &held.memory, batch, 0);
+                        self.record_results(cmd, held, batch, 0);
                         self.barrier(cmd, TRANSFER_WRITE, HOST_READ);
                     }
                     _ => self.barrier(cmd, COMPUTE_WRITE, COPY_READ),
@@ -216,7 +203,7 @@ impl Gpu {
             let value = sent?;
             self.dispatched();
             self.wait(value, "a piece of a plan")?;
-            self.measure(plan, held, &piece, start.elapsed(), &mut seconds)?;
+            self.measure(plan, &piece, start.elapsed(), &mut seconds)?;
             if is_last {
                 break;
             }
@@ -230,19 +217,19 @@ impl Gpu {
         match &results[..] {
             [] => {}
             [batch] => self.take_results(plan, batch, 0, &mut out),
-            batches => self.fetch_results(plan, &held.memory, batches, &mut out)?,
+            batches => self.fetch_results(plan, held, batches, &mut out)?,
         }
         for id in plan.downloads() {
             let at = id.0 as usize;
             let bytes = plan.buffers()[at].bytes;
-            let buffer = &held.memory.buffers[at];
+            let buffer = &held.buffers[at];
             if buffer.as_ref().is_none_or(|b| b.is_resident()) {
                 // No launch writes it: what went in comes out.
                 match input(&plan.buffers()[at].contents) {
                     Some(data) => out.insert_bytes(*id, data),
                     None => out.insert_bytes(*id, &vec![0; bytes]),
                 }
-            } else if !staged && let Some(data) = held.memory.mapped(at, bytes) {
+            } else if !staged && let Some(data) = held.mapped(at, bytes) {
                 let start = Instant::now();
                 copy_bytes(out.bytes_mut(*id, bytes), data);
                 self.counts[0].take_us += start.elapsed().as_micros() as u64;
@@ -296,26 +283,19 @@ impl Gpu {
         }
     }
 
-    /// Allocates and writes one descriptor set a launch, from a pool of this run.
+    /// Allocates and writes one descriptor set a launch.
     fn write_sets(
         &mut self,
         plan: &Plan<'_>,
-        held: &mut RunResources,
+        held: &mut PlanMemory,
     ) -> Result<Vec<vk::DescriptorSet>, VkError> {
         let steps = plan.steps();
         if steps.is_empty() {
             return Ok(Vec::new());
         }
         let count: usize = steps.iter().map(|s| s.buffers.len()).sum();
-        let sizes = [vk::DescriptorPoolSize {
-            ty: vk::DescriptorType::STORAGE_BUFFER,
-            descriptor_count: count.max(1) as u32,
-        }];
-        let info =
-            vk::DescriptorPoolCreateInfo::default().max_sets(steps.len() as u32).pool_sizes(&sizes);
-        // SAFETY: the device is live; the pool goes to `held`, which is destroyed after the wait.
-        held.sets = unsafe { self.device.create_descriptor_pool(&info, None) }
-            .map_err(VkError::of("vkCreateDescriptorPool"))?;
+        let room = [steps.len(), count.max(1)].map(|n| n as u32);
+        let pool = self.pools.sets(&self.device, room)?;
         let mut sets = Vec::with_capacity(steps.len());
         for step in steps {
             let shader = step.kernel.shader;
@@ -323,7 +303,7 @@ impl Gpu {
             let p = self.pipelines.get(&self.device, &self.cache, shader, restricted)?;
             let layouts = [p.set];
             let info = vk::DescriptorSetAllocateInfo::default()
-                .descriptor_pool(held.sets)
+                .descriptor_pool(pool)
                 .set_layouts(&layouts);
             // SAFETY: pool and layout are of this device and ours alone; the pool has room for one
             // set a launch and all its descriptors.
@@ -332,19 +312,14 @@ impl Gpu {
             let shown: Vec<_> = step
                 .buffers
                 .iter()
-                .map(|id| match &held.memory.buffers[id.0 as usize] {
+                .map(|id| match &held.buffers[id.0 as usize] {
                     Some(b) => [vk::DescriptorBufferInfo {
                         buffer: b.raw,
                         offset: 0,
                         range: plan.buffers()[id.0 as usize].bytes as u64,
                     }],
                     None => [vk::DescriptorBufferInfo {
-                        buffer: held
-                            .memory
-                            .dummy
-                            .as_ref()
-                            .expect("allocated for empty buffers")
-                            .raw,
+                        buffer: held.dummy.as_ref().expect("allocated for empty buffers").raw,
                         offset: 0,
                         range: 16,
                     }],
@@ -369,71 +344,75 @@ impl Gpu {
     }
 
     /// Resets the first `count` queries for a submission.
-    fn reset_stamps(&self, cmd: vk::CommandBuffer, held: &RunResources, count: u32) {
-        if held.queries != vk::QueryPool::null() {
+    fn reset_stamps(&self, cmd: vk::CommandBuffer, count: u32) {
+        if self.pools.queries != vk::QueryPool::null() {
             // SAFETY: `cmd` is recording; the pool is ours, holds one query more than there are
             // launches, and the submission before, which used it too, has been waited for.
-            unsafe { self.device.cmd_reset_query_pool(cmd, held.queries, 0, count) };
+            unsafe { self.device.cmd_reset_query_pool(cmd, self.pools.queries, 0, count) };
         }
     }
 
-    fn stamp(&self, cmd: vk::CommandBuffer, held: &RunResources, query: u32) {
-        if held.queries != vk::QueryPool::null() {
+    fn stamp(&self, cmd: vk::CommandBuffer, query: u32) {
+        if self.pools.queries != vk::QueryPool::null() {
             let after_all = vk::PipelineStageFlags2::ALL_COMMANDS;
             // SAFETY: `cmd` is recording, the pool was reset in it, the queue has timestamps.
-            unsafe { self.device.cmd_write_timestamp2(cmd, after_all, held.queries, query) };
+            unsafe { self.device.cmd_write_timestamp2(cmd, after_all, self.pools.queries, query) };
         }
     }
 
-    /// Adds the durations of a piece's segments to those of their launches: from timestamps, or,
-    /// for rates alone, from the duration of the piece.
+    /// Adds the durations of a piece's segments to those of their launches. Rates follow from the
+    /// duration of the piece where there are no timestamps or these are too short to be true: portable
+    /// drivers give equal ones within a command buffer (MoltenVK issues 2150 and 2235), and pieces would
+    /// grow without a bound.
     fn measure(
         &mut self,
         plan: &Plan<'_>,
-        held: &RunResources,
         piece: &[LaunchSegment],
         whole: Duration,
         seconds: &mut [f64],
     ) -> Result<(), VkError> {
         self.longest_piece = self.longest_piece.max(whole);
-        let stamped = held.queries != vk::QueryPool::null();
+        let stamped = self.pools.queries != vk::QueryPool::null();
         let took = if stamped {
             let mut ticks = vec![0u64; piece.len() + 1];
             let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
             // SAFETY: the pool is ours, these queries of it were written by the submission that we
             // have waited for, and the slice has a word for each.
-            unsafe { self.device.get_query_pool_results(held.queries, 0, &mut ticks, flags) }
+            unsafe { self.device.get_query_pool_results(self.pools.queries, 0, &mut ticks, flags) }
                 .map_err(VkError::of("vkGetQueryPoolResults"))?;
             let mask = u64::MAX >> (64 - self.info.limits.timestamp_bits.clamp(1, 64));
             let period_s = f64::from(self.info.timestamp_period_ns) * 1e-9;
             let between = |t: &[u64]| (t[1].wrapping_sub(t[0]) & mask) as f64 * period_s;
-            ticks.windows(2).map(between).collect()
-        } else {
-            self.rates.shares(plan, piece, whole.as_secs_f64())
-        };
-        for (segment, took) in piece.iter().zip(took) {
-            self.rates.measured(plan.steps()[segment.step].kernel.name(), segment, took);
-            if stamped {
+            let took: Vec<f64> = ticks.windows(2).map(between).collect();
+            for (segment, took) in piece.iter().zip(&took) {
                 seconds[segment.step] += took;
             }
-        }
+            took
+        } else {
+            Vec::new()
+        };
+        let whole_s = whole.as_secs_f64();
+        let is_doubtful = !stamped
+            || self.info.limits.restricted
+            || took.iter().sum::<f64>() < CREDIBLE * (whole_s - HANDOVER_S);
+        let took = if is_doubtful { self.rates.shares(plan, piece, whole_s) } else { took };
+        self.rates.measured(plan, piece, &took);
         Ok(())
     }
 
-    fn destroy_run(&mut self, held: RunResources, failed: bool) {
+    fn destroy_run(&mut self, held: PlanMemory, failed: bool) {
         // A run that succeeded has waited already; one that failed may have left work behind.
         if failed && !self.comes_to_rest() {
             return;
         }
-        // SAFETY: nothing in `held` is in use, all of it is ours and goes once; null pools are
-        // ignored.
-        unsafe {
-            self.device.destroy_descriptor_pool(held.sets, None);
-            self.device.destroy_query_pool(held.queries, None);
-        }
-        self.free_plan(held.memory);
+        self.free_plan(held);
     }
 }
+
+/// Least share of a piece's duration that believable timestamps add up to.
+const CREDIBLE: f64 = 0.5;
+/// Time that a submission and its wait take beside the work, s.
+const HANDOVER_S: f64 = 2e-4;
 
 const COMPUTE_WRITE: StageAccess =
     (vk::PipelineStageFlags2::COMPUTE_SHADER, vk::AccessFlags2::SHADER_STORAGE_WRITE);

@@ -67,7 +67,8 @@ fn a_plan_in_many_pieces_gives_the_bytes_of_one_submission() {
         // software.
         let seconds: f64 = whole.times.iter().map(|t| t.seconds).sum();
         let most = if seconds > 0.0 { seconds } else { 0.02 };
-        for share in [0.1, 0.1, 0.25] {
+        // Small shares: the first run of a kernel may take ten times as long as the next.
+        for share in [0.01, 0.01, 0.02] {
             let piece = Duration::from_secs_f64(share * most);
             let (cut, several) = run(&mut gpu, plan, Some(piece));
             println!("{what}: {several} submissions of {piece:?}");

@@ -304,7 +304,11 @@ fn pipelines_are_kept_on_disk_and_a_damaged_file_does_no_harm() {
     };
     let kept = || -> Vec<(std::path::PathBuf, Vec<u8>)> {
         let files = std::fs::read_dir(dir.path().join("cache")).into_iter().flatten();
-        files.map(|f| f.unwrap().path()).map(|p| (p.clone(), std::fs::read(p).unwrap())).collect()
+        let paths = files.map(|f| f.unwrap().path());
+        let pipelines = |p: &std::path::PathBuf| {
+            p.file_name().is_some_and(|n| n.to_string_lossy().starts_with("pipelines"))
+        };
+        paths.filter(pipelines).map(|p| (p.clone(), std::fs::read(p).unwrap())).collect()
     };
     let first = once();
     let written = kept();
@@ -324,6 +328,27 @@ fn pipelines_are_kept_on_disk_and_a_damaged_file_does_no_harm() {
     // The damaged file was not believed, and a sound one has taken its place.
     let mended = kept();
     assert!(mended.len() == 1 && mended[0].0 == path && mended[0].1 != bytes);
+}
+
+#[test]
+fn rates_that_an_earlier_run_measured_spare_submissions() {
+    let Some(_) = common::gpu(Validate::Off) else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let (validate, cache_dir) = (Validate::Off, Some(dir.path().join("cache")));
+    let options = OpenOptions { validate, cache_dir, ..OpenOptions::default() };
+    // So many workgroups that a kernel which was never measured begins with a few of them.
+    let (plan, out) = ring(&KERNEL, 64 * 4000, 64 * 4000, 1);
+    let once = || {
+        let mut gpu = Gpu::open_with(Choice::Any, options.clone()).unwrap();
+        let words = gpu.run(&plan).unwrap().get(out).to_vec();
+        (gpu.submissions(), words)
+    };
+    let (first, words) = once();
+    let (second, again) = once();
+    assert!(second < first, "{second} after {first}");
+    assert!(words == again);
+    let files = std::fs::read_dir(dir.path().join("cache")).unwrap().flatten();
+    assert!(files.into_iter().any(|f| f.file_name().to_string_lossy().starts_with("rates-")));
 }
 
 /// Runs in a process of its own.

@@ -1,5 +1,6 @@
 //! The program, its window and its session from outside.
 
+mod accept;
 mod behind;
 mod cli;
 mod cohort;

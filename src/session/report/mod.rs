@@ -52,6 +52,8 @@ pub struct Report {
     /// Wall time since the clock of the stages began; less than their sum where some ran side by
     /// side.
     pub total_ms: f64,
+    /// Part of it that lies in no stage.
+    pub unnamed_ms: f64,
     /// Lumen that was segmented.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lumen: Option<LumenReport>,
@@ -169,6 +171,7 @@ impl Report {
             device: device.to_owned(),
             stages: clock.stages.clone(),
             total_ms: clock.elapsed_ms(),
+            unnamed_ms: clock.unnamed_ms(),
             peak_memory_mb: super::peak_memory_mb(),
             ..Self::default()
         }

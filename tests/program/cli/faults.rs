@@ -99,7 +99,7 @@ fn a_short_read_names_the_file() {
 }
 
 #[test]
-fn a_lost_device_ends_in_one_line() {
+fn without_its_device_a_program_ends_in_one_line() {
     if !can_draw() {
         return;
     }
@@ -107,11 +107,32 @@ fn a_lost_device_ends_in_one_line() {
     phantom(tmp.path(), Kind::Tube, 48);
     let before = names(tmp.path());
     let args = ["distance", "--mask", "mask.nrrd", "-o", "o.nrrd", "--device", "gpu"];
-    for (fault, code) in [("submit:1", 1), ("instance:1", 4)] {
-        let (got, err) = with_fault(tmp.path(), fault, &args);
-        assert_eq!(got, code, "{fault}: {err}");
-        assert_eq!(names(tmp.path()), before);
+    let (code, err) = with_fault(tmp.path(), "instance:1", &args);
+    assert_eq!(code, 4, "{err}");
+    assert_eq!(names(tmp.path()), before);
+}
+
+/// After a driver reset every later stage of a session failed, until the program was started again.
+#[test]
+fn a_device_that_is_lost_is_opened_again_and_if_lost_again_the_cpu_goes_on() {
+    if !can_draw() {
+        return;
     }
+    let tmp = tempfile::tempdir().unwrap();
+    phantom(tmp.path(), Kind::Tube, 48);
+    let run = |device: &str, fault: &str| {
+        let out = format!("{device}-{}.nrrd", fault.replace(':', "-"));
+        let args = ["distance", "--mask", "mask.nrrd", "-o", &out, "--device", device];
+        let (code, err) = with_fault(tmp.path(), fault, &args);
+        assert_eq!(code, 0, "{fault}: {err}");
+        (std::fs::read(tmp.path().join(out)).unwrap(), err)
+    };
+    let (wanted, _) = run("cpu", "none:1");
+    let (once, err) = run("gpu", "submit:1-1");
+    assert!(err.contains("opened again") && !err.contains("the CPU computes"), "{err}");
+    let (for_ever, err) = run("gpu", "submit:1");
+    assert!(err.contains("the CPU computes from now on"), "{err}");
+    assert!(once == wanted && for_ever == wanted);
 }
 
 #[test]

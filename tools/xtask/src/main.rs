@@ -2,6 +2,7 @@
 //!
 //! Standard library only, so that a clean clone gets to the first useful message in seconds.
 
+mod accept_gpu;
 mod bless;
 mod check;
 mod demo;
@@ -28,6 +29,8 @@ usage: cargo xtask TASK
   judge PART     intima from outside, in out/PART/: speed (beside other programs), walls
                  (beside known walls and grey values), pictures (beside VTK), growth (of time
                  and memory); `judge PART --help` has the flags, tools/judge/README.md the rest
+  accept-gpu     proofs and times of a GPU on one page (docs/gpu-acceptance.md); `--pack` leaves
+                 the pack in out/accept-gpu for a machine with a card
   dist           a release in out/dist/: archive, Debian package, container recipe, sums
                  (`--dirty` allows files that differ from the commit, and names the build so)
   setup          install a Vulkan loader and driver where none answer
@@ -64,6 +67,7 @@ fn dispatch(args: &[&str]) -> Result<(), TaskError> {
         ["check"] => check::check(),
         ["check", "--rules"] => check::rules(),
         ["judge", rest @ ..] => judge::judge(rest),
+        ["accept-gpu", rest @ ..] => accept_gpu::accept_gpu(rest),
         ["dist", rest @ ..] => dist::dist(rest),
         ["bless"] => bless::bless(),
         ["setup"] => setup::setup(setup::Purpose::Running),
