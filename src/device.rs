@@ -135,13 +135,15 @@ impl Device {
             && e.is_lost()
         {
             tracing::warn!("{e}; the device is opened again");
-            outcome = match gpu.opened_anew() {
-                Ok(new) => {
+            match gpu.opened_anew() {
+                // Not another one, which may be software.
+                Ok(new) if new.info().name == gpu.info().name => {
                     **gpu = new;
-                    gpu.run(plan)
+                    outcome = gpu.run(plan);
                 }
-                Err(e) => Err(e),
-            };
+                Ok(_) => {}
+                Err(e) => tracing::warn!("it cannot be opened: {e}"),
+            }
         }
         match outcome {
             Ok(out) => Ok(out),
@@ -153,7 +155,7 @@ impl Device {
                 tracing::warn!("{e}; the CPU computes it instead");
                 Ok(run_cpu(plan))
             }
-            Err(e) if e.is_lost() || e.is_no_device() => {
+            Err(e) if e.is_lost() => {
                 tracing::warn!("{e}; the CPU computes from now on");
                 *self = Self::Cpu;
                 Ok(run_cpu(plan))

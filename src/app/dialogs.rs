@@ -52,15 +52,13 @@ pub(super) fn open_request(path: PathBuf) -> Request {
     }
 }
 
-/// Files dropped on the window, or chosen in the dialog.
+/// Files chosen in the dialogs.
 pub(super) fn opened(ui: &Ui, dialogs: &mut Dialogs, commands: &mut ActionQueue) {
-    let dropped = ui.input(|i| i.raw.dropped_files.first().map(|f| f.path().to_owned()));
     dialogs.open.update(ui.ctx());
     dialogs.save.update(ui.ctx());
-    let is_beside = dialogs.is_beside && dropped.is_none();
-    if let Some(path) = dropped.or_else(|| dialogs.open.take_picked()) {
+    if let Some(path) = dialogs.open.take_picked() {
         let opens = open_request(path);
-        commands.ask(if is_beside { Request::Beside(Box::new(opens)) } else { opens });
+        commands.ask(if dialogs.is_beside { Request::Beside(Box::new(opens)) } else { opens });
     }
     if let Some(path) = dialogs.save.take_picked() {
         commands.ask(Request::SaveAs(path));

@@ -2,7 +2,7 @@
 
 use egui::Ui;
 
-use super::action::{Action, ActionQueue, SLAB_MM, SlabMode, SliceExtent};
+use super::action::{Action, ActionQueue, Pane, SLAB_MM, SlabMode, SliceExtent};
 use super::model::Model;
 use super::style::FAINT;
 
@@ -53,8 +53,21 @@ pub(super) fn slice_controls(ui: &mut Ui, model: &Model, commands: &mut ActionQu
 }
 
 /// Controls of the slices in one row, under the large one.
-pub(super) fn slice_row(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
+///
+/// * `names_planes`: no other slice is shown that could take its place.
+pub(super) fn slice_row(
+    ui: &mut Ui,
+    model: &Model,
+    names_planes: bool,
+    commands: &mut ActionQueue,
+) {
     if model.volume().is_some() {
+        for pane in Pane::SLICES.into_iter().filter(|_| names_planes) {
+            let name = pane.title().split(' ').next().unwrap_or_default();
+            if ui.selectable_label(model.large_slice == pane, name).clicked() {
+                commands.act(Action::LargeSlice(pane));
+            }
+        }
         presets(ui, model, commands);
         ui.separator();
         extents(ui, model, commands);

@@ -116,6 +116,13 @@ pub(super) mod tests {
             poses: points.iter().map(pose).collect(),
             near_mm: vec![1.0; n],
             seconds: (0..n).map(|i| i as f64).collect(),
+            arc_mm: points
+                .iter()
+                .scan((points[0].position_mm, 0.0), |(last, arc), p| {
+                    *arc += p.position_mm.distance(std::mem::replace(last, p.position_mm));
+                    Some(*arc)
+                })
+                .collect(),
             clearance_mm: vec![1.0; n],
             room_mm: vec![1.0; n],
             fov_y_rad: 1.0,

@@ -478,8 +478,13 @@ impl Model {
         /// Farthest from its place.
         const NEAR_MM: f32 = 1.0;
         let (arc, path) = (noted.arc_mm?, self.path.as_ref()?);
-        let place = DVec3::from(noted.position_mm).as_vec3();
-        (path.pose_at(arc).position_mm.distance(place) <= NEAR_MM).then_some(arc)
+        let place = DVec3::from(noted.position_mm);
+        let is_there =
+            |arc: f64| path.pose_at(arc).position_mm.distance(place.as_vec3()) <= NEAR_MM;
+        // The path may have been counted otherwise when it was noted.
+        is_there(arc)
+            .then_some(arc)
+            .or_else(|| Some(path.nearest_to(place)).filter(|a| is_there(*a)))
     }
 
     /// Forgets notes and what led to them, before those of a file take their place.

@@ -128,6 +128,11 @@ impl SavedLumen {
         (choice.settings() == *settings && choice.is_finite()).then_some(choice)
     }
 
+    /// Whether it is an organ that is found.
+    pub(super) fn is_of_an_organ(&self) -> bool {
+        self.settings().organ.is_some()
+    }
+
     /// Whether it says what the lumen is.
     pub(super) fn is_choice(&self) -> bool {
         let settings = self.settings();

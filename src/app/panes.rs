@@ -476,8 +476,8 @@ mod tests {
         let mut panes = Panes::new(&mut gpu, 4).unwrap();
         panes.take(&mut gpu, &model.products).unwrap();
         let length = model.path.as_ref().unwrap().length_mm();
-        for i in 0..300 {
-            model.step(0.0, &[Action::Seek(length * f64::from(i * 7 % 300) / 300.0)]);
+        for i in 0..90 {
+            model.step(0.0, &[Action::Seek(length * f64::from(i * 7 % 90) / 90.0)]);
             let sizes = (Some([1280, 960]), None);
             panes.draw(&mut gpu, &model, sizes, Detail::Live).unwrap();
         }

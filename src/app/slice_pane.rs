@@ -8,7 +8,7 @@ use super::grey_window::{value_text, window_text};
 use super::inside_marks::{mark_under, measurements, missed_mark};
 use super::labels::Labels;
 use super::model::Model;
-use super::slices::{Slab, SlicePlane, slice, slice_step_mm, value_at};
+use super::slices::{Slab, SlicePlane, nearest_inside, slice, slice_step_mm, value_at};
 use super::style::{CAMERA, TEXT, pinch, pixels, wheel_notches};
 use super::wall_outline::draw_wall_outline;
 use crate::volume::Volume;
@@ -279,14 +279,6 @@ fn wheel_input(
 /// Pixels of the shorter side of a pane.
 fn shorter_px(size: [usize; 2]) -> f64 {
     size[0].min(size[1]).max(1) as f64
-}
-
-/// The place of a volume that is nearest to another, LPS mm.
-fn nearest_inside(volume: &Volume, p_mm: DVec3) -> DVec3 {
-    let grid = &volume.grid;
-    let v = grid.voxel_from_world().transform_point3(p_mm);
-    let inside = v.clamp(DVec3::ZERO, grid.dims.as_dvec3() - 1.0);
-    if v == inside { p_mm } else { grid.world_from_voxel().transform_point3(inside) }
 }
 
 /// Millimetres a pixel at which a slice through the middle shows all of the volume.

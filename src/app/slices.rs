@@ -123,6 +123,14 @@ pub fn side_letters(direction: DVec3) -> String {
     parts.iter().take(2).filter(|p| p.0 > 0.4).map(|p| p.1).collect()
 }
 
+/// The place of a volume that is nearest to another, LPS mm.
+pub fn nearest_inside(volume: &Volume, p_mm: DVec3) -> DVec3 {
+    let grid = &volume.grid;
+    let v = grid.voxel_from_world().transform_point3(p_mm);
+    let inside = v.clamp(DVec3::ZERO, grid.dims.as_dvec3() - 1.0);
+    if v == inside { p_mm } else { grid.world_from_voxel().transform_point3(inside) }
+}
+
 /// Millimetres from one slice of a volume to the next along a unit direction.
 pub fn slice_step_mm(volume: &Volume, along: DVec3) -> f64 {
     let grid = &volume.grid;

@@ -33,13 +33,15 @@ pub(super) fn wheel_notches(ui: &Ui) -> f64 {
     })
 }
 
-/// Factor by which two fingers spread in this frame; 1 without any.
+/// Factor by which two fingers spread in this frame, on a screen or, where the system tells, on a
+/// touchpad; 1 without any.
 pub(super) fn pinch(ui: &Ui) -> f64 {
     ui.input(|i| {
         let factor = |e: &egui::Event| match e {
             egui::Event::Zoom(factor) if factor.is_finite() && *factor > 0.0 => f64::from(*factor),
             _ => 1.0,
         };
-        i.raw.events.iter().map(factor).product()
+        let on_screen = i.multi_touch().map_or(1.0, |touch| f64::from(touch.zoom_delta));
+        i.raw.events.iter().map(factor).product::<f64>() * on_screen
     })
 }

@@ -2,7 +2,7 @@
 
 use super::action::{Action, ActionQueue, Command, Pane, Request};
 use super::computation::WorkStatus;
-use super::dialogs::{Dialogs, ask_to_save, opened};
+use super::dialogs::{Dialogs, ask_to_save, open_request, opened};
 use super::grey_window::slice_row;
 use super::keys::{help, keys, pair_keys};
 use super::layout::{Half, Places, halves, places};
@@ -89,10 +89,11 @@ pub struct PairState {
 /// Lays the window out: panels of the active case about the panes of each.
 pub fn window(ui: &mut Ui, cases: &mut [CaseUi<'_>], pair: PairState) {
     let is_pair = cases.len() > 1;
+    cases.iter_mut().for_each(|case| case.state.is_pair = is_pair);
+    open_dropped(ui, cases, pair);
     let CaseUi { model, state, status, commands, .. } = &mut cases[pair.active];
     keys(ui, model, state.is_escape_taken, commands);
-    state.is_pair = is_pair;
-    if is_pair {
+    if is_pair && !state.dialogs.is_any_open() {
         pair_keys(ui, model, pair, commands);
     }
     let shortcut = |key| {
@@ -105,7 +106,10 @@ pub fn window(ui: &mut Ui, cases: &mut [CaseUi<'_>], pair: PairState) {
     }
     state.panel.saves_session |= shortcut(egui::Key::S) && model.products.identity.is_some();
     opened(ui, &mut state.dialogs, commands);
-    egui::Panel::top("top").show(ui, |ui| top_bar(ui, model, state, status.as_ref(), commands));
+    // Fields of one case are not those of the other.
+    egui::Panel::top("top").show(ui, |ui| {
+        ui.push_id(pair.active, |ui| top_bar(ui, model, state, status.as_ref(), commands))
+    });
     if !is_pair {
         egui::Panel::bottom("timeline")
             .exact_size(timeline_height(ui))
@@ -115,7 +119,9 @@ pub fn window(ui: &mut Ui, cases: &mut [CaseUi<'_>], pair: PairState) {
         egui::Panel::right("notes")
             .default_size(PANEL)
             .size_range(PANEL..=2.0 * PANEL)
-            .show(ui, |ui| side_panel(ui, model, &mut state.panel, commands));
+            .show(ui, |ui| {
+                ui.push_id(pair.active, |ui| side_panel(ui, model, &mut state.panel, commands))
+            });
     }
     if std::mem::take(&mut state.panel.saves_session) {
         state.dialogs.save.save_file();
@@ -156,6 +162,19 @@ pub fn window(ui: &mut Ui, cases: &mut [CaseUi<'_>], pair: PairState) {
         || model.leaving.is_some();
 }
 
+/// Opens a file that was dropped, in the place of the case that it was dropped on.
+fn open_dropped(ui: &Ui, cases: &mut [CaseUi<'_>], pair: PairState) {
+    let (dropped, at) = ui.input(|i| {
+        let file = i.raw.dropped_files.first().map(|file| file.path().to_owned());
+        (file, i.pointer.latest_pos())
+    });
+    let is_in = |half: &Half| at.is_some_and(|at| half.whole.contains(at));
+    let on = halves(ui.max_rect()).iter().position(is_in).filter(|_| cases.len() > 1);
+    if let Some(path) = dropped {
+        cases[on.unwrap_or(pair.active)].commands.ask(open_request(path));
+    }
+}
+
 /// One of two cases: its name, its panes and its scrub bar.
 fn half_of_pair(ui: &mut Ui, half: Half, cases: &mut [CaseUi<'_>], i: usize, pair: PairState) {
     let is_active = i == pair.active;
@@ -175,12 +194,11 @@ fn half_of_pair(ui: &mut Ui, half: Half, cases: &mut [CaseUi<'_>], i: usize, pai
         timeline(ui, cases[i].model, &mut cases[i].commands);
     });
     // Whoever presses a button over a case works on it.
-    let is_pressed = ui.input(|input| {
-        let at = input.pointer.press_origin().filter(|_| input.pointer.any_pressed());
-        at.is_some_and(|at| half.whole.contains(at))
-    });
-    let is_free = !ui.ctx().egui_is_using_pointer() || ui.ctx().dragged_id().is_some();
-    if is_pressed && is_free && !is_active {
+    let pressed = ui.input(|i| i.pointer.press_origin().filter(|_| i.pointer.any_pressed()));
+    // Not through a dialog that lies over it.
+    let is_here =
+        |at: &Pos2| half.whole.contains(*at) && ui.ctx().layer_id_at(*at) == Some(ui.layer_id());
+    if pressed.filter(is_here).is_some() && !is_active {
         cases[i].commands.ask(Request::Activate(i));
     }
 }
@@ -192,7 +210,7 @@ fn show_places(ui: &mut Ui, places: &Places, case: &mut CaseUi<'_>, number: usiz
         row(ui, rect, |ui| transport(ui, model, commands));
     }
     if let Some(rect) = places.presets {
-        row(ui, rect, |ui| slice_row(ui, model, commands));
+        row(ui, rect, |ui| slice_row(ui, model, state.is_pair, commands));
     }
     let is_computing = status.as_ref().is_some_and(|s| s.is_computing);
     let mut of_panes = ActionQueue::default();
@@ -282,6 +300,44 @@ mod tests {
         window(ui, &mut cases, PairState::default());
         let [case] = cases;
         *commands = case.commands;
+    }
+
+    /// Keys went to the case that was active before: B at a polyp noted it in the other position.
+    #[test]
+    fn a_press_over_the_other_case_gives_it_keys_and_panels() {
+        let models = [model_of_a_volume(), model_of_a_volume()];
+        let mut states = [UiState::default(), UiState::default()];
+        let mut screen = TestScreen::sized(vec2(1280.0, 800.0));
+        let mut frame = |events: Vec<egui::Event>| {
+            let mut asked = Vec::new();
+            screen.frame(events, |ui| {
+                let [first, second] = &mut states;
+                let case = |(model, state)| CaseUi {
+                    model,
+                    state,
+                    status: None,
+                    name: "case".into(),
+                    commands: ActionQueue::default(),
+                    sizes: PaneSizes::default(),
+                };
+                let mut cases = [(&models[0], first), (&models[1], second)].map(case);
+                window(ui, &mut cases, PairState::default());
+                asked = cases.map(|case| case.commands.requests).to_vec();
+            });
+            asked
+        };
+        frame(Vec::new());
+        // The slice and the scrub bar of the second case, and those of the first.
+        for (at, wanted) in [
+            (pos2(760.0, 560.0), Some(Request::Activate(1))),
+            (pos2(760.0, 770.0), Some(Request::Activate(1))),
+            (pos2(260.0, 560.0), None),
+        ] {
+            frame(vec![egui::Event::PointerMoved(at)]);
+            let asked = frame(vec![button(at, true)]);
+            assert_eq!((&asked[0][..], asked[1].first()), (&[][..], wanted.as_ref()), "{at}");
+            frame(vec![button(at, false)]);
+        }
     }
 
     /// Commands within a second of clicks in the middle of the axial slice, at these frames.

@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 use egui::ViewportId;
 
-use super::action::{ActionQueue, Export, Request};
+use super::action::{Action, ActionQueue, Export, Request};
 use super::canvas::{Canvas, Target};
 use super::dialogs::open_request;
 use super::error::AppError;
@@ -161,6 +161,10 @@ impl Viewer {
         let mut output = context.run_ui(input, |root| ui::window(root, &mut shown, state));
         let asked: Vec<_> = shown.into_iter().map(|case| (case.commands, case.sizes)).collect();
         self.canvas.collect(std::mem::take(&mut output.textures_delta));
+        if asked.iter().any(|(commands, _)| commands.actions.contains(&Action::Stay)) {
+            // The window stays open: everybody is asked anew.
+            self.cases.iter_mut().for_each(OpenCase::forget_answer);
+        }
         // Actions, and the pictures that show what became of them.
         for (case, (commands, sizes)) in self.cases.iter_mut().zip(&asked) {
             case.step(dt, &commands.actions, *sizes);
@@ -214,7 +218,7 @@ impl Viewer {
                     Request::Quit => quit |= !self.holds_back_quit(),
                     Request::Beside(opens) => self.open_beside(gpu, i, *opens)?,
                     Request::CloseCase => closed = Some(i),
-                    Request::Activate(case) => self.pair.activate(case, self.cases.len()),
+                    Request::Activate(case) => self.pair.activate(case, &mut self.cases),
                     Request::FindInOther => self.pair.find_in_other(&mut self.cases),
                     Request::Link(is_linked) => self.pair.link(is_linked, &self.cases),
                     _ => {}
@@ -235,13 +239,12 @@ impl Viewer {
             let case = self.cases[of].beside(gpu)?;
             self.cases.push(case);
         }
-        let organ = match &opens {
-            Request::Open(_) => self.cases[of].organ_request(),
-            _ => None,
-        };
-        for request in [Some(opens), organ].into_iter().flatten() {
-            self.cases[beside].handle(gpu, vec![request])?;
+        let organ = self.cases[of].organ().filter(|_| matches!(opens, Request::Open(_)));
+        let is_opened = !self.cases[beside].handle(gpu, vec![opens])?.is_empty();
+        if let Some(organ) = organ.filter(|_| is_opened) {
+            self.cases[beside].take_lumen(gpu, &organ)?;
         }
+        // Where it asks about its notes first, the question is seen.
         self.pair = Pair::of(beside);
         Ok(())
     }
@@ -249,7 +252,7 @@ impl Viewer {
     /// Whether closing the window waits for an answer, of any case: see [`OpenCase::holds_back`].
     pub fn holds_back_quit(&mut self) -> bool {
         let waiting = self.cases.iter_mut().position(|case| case.holds_back(&Request::Quit));
-        waiting.into_iter().for_each(|i| self.pair.activate(i, usize::MAX));
+        waiting.into_iter().for_each(|i| self.pair.activate(i, &mut self.cases));
         waiting.is_some()
     }
 

@@ -242,7 +242,12 @@ impl CameraPath {
                 room_mm,
             })?;
             let pose = Pose { position_mm, rotation: s.rotation.as_quat().normalize() };
-            flight.push((pose, near, room), s.seconds - start);
+            let way_mm = flight
+                .poses
+                .last()
+                .map_or(0.0, |before| f64::from(before.position_mm.distance(position_mm)));
+            let arc_mm = flight.arc_mm.last().copied().unwrap_or(0.0) + way_mm;
+            flight.push((pose, near, room), s.seconds - start, arc_mm);
             // The proven distance is less than the room, by up to the diagonal of a voxel.
             let by_near_mm = s.near_mm / super::plan::NEAR_SHARE;
             let room_mm = room.max(by_near_mm).max(super::plan::least_room_mm(wall.lumen()));

@@ -1,23 +1,23 @@
 //! The flight by arc length: poses, lumen radius, cross-sections.
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::{CenterlinePlaces, CrossSection, Flight, MAX_ASTRAY, cross_section};
 use crate::geometry::{Centerline, Mesh, Pose, TriangleBvh};
 
-/// Returns the length flown up to each place, mm.
+/// Returns the way up to each pose, mm.
 ///
-/// * `cuts`: indices of places that begin another piece; the jumps to them do not count.
-pub(super) fn flown_mm(places: &[Vec3], cuts: &[usize]) -> Vec<f64> {
+/// * `cuts`: indices of poses that begin another piece; the jumps to them do not count.
+fn flown_mm(poses: &[Pose], cuts: &[usize]) -> Vec<f64> {
     let mut flown = 0.0;
     let up_to = |i: usize| {
         if i > 0 && !cuts.contains(&i) {
-            flown += f64::from(places[i - 1].distance(places[i]));
+            flown += f64::from(poses[i - 1].position_mm.distance(poses[i].position_mm));
         }
         flown
     };
-    (0..places.len()).map(up_to).collect()
+    (0..poses.len()).map(up_to).collect()
 }
 
 /// Size of a cross-section.
@@ -74,8 +74,10 @@ pub fn sections_along(
 pub struct FlightPath {
     poses: Vec<Pose>,
     seconds: Vec<f64>,
-    /// Length flown up to each pose, mm; jumps between pieces do not count.
+    /// Length of the path up to each pose, mm; jumps between pieces do not count.
     arc_mm: Vec<f64>,
+    /// Way of the eye up to each pose, mm: it cuts the path's corners.
+    flown_mm: Vec<f64>,
     /// Distance to the wall on the path at each pose, mm.
     pub radius_mm: Vec<f64>,
     /// Room about each pose, mm, by which the light is set.
@@ -97,8 +99,8 @@ impl FlightPath {
         if poses.len() < 2 {
             return None;
         }
-        let eyes: Vec<Vec3> = poses.iter().map(|p| p.position_mm).collect();
-        let arc_mm = flown_mm(&eyes, &flight.cuts);
+        let arc_mm = flight.arc_mm.clone();
+        let flown_mm = flown_mm(&poses, &flight.cuts);
         let points: Vec<_> = line.branches.iter().flat_map(|b| &b.points).collect();
         // The nearest point, searched about the one before.
         let mut at = 0;
@@ -116,15 +118,15 @@ impl FlightPath {
         let (seconds, cuts) = (flight.seconds.clone(), flight.cuts.clone());
         let room_mm = flight.room_mm.clone();
         let (sections, places) = (Vec::new(), CenterlinePlaces::new(line));
-        Some(Self { poses, seconds, arc_mm, radius_mm, room_mm, cuts, sections, places })
+        Some(Self { poses, seconds, arc_mm, flown_mm, radius_mm, room_mm, cuts, sections, places })
     }
 
-    /// Returns the length of the whole flight, mm.
+    /// Returns the length of the path that is flown, mm.
     pub fn length_mm(&self) -> f64 {
         self.arc_mm[self.arc_mm.len() - 1]
     }
 
-    /// Returns the length flown up to each pose, mm.
+    /// Returns the length of the path up to each pose, mm.
     pub fn arcs_mm(&self) -> &[f64] {
         &self.arc_mm
     }
@@ -136,7 +138,17 @@ impl FlightPath {
 
     /// Interpolates the pose at an arc length.
     pub fn pose_at(&self, arc_mm: f64) -> Pose {
+        self.pose_between(self.sample(&self.arc_mm, arc_mm))
+    }
+
+    /// Returns the place of the eye so far along its way from an arc length.
+    fn beside(&self, arc_mm: f64, way_mm: f64) -> DVec3 {
         let (i, t) = self.sample(&self.arc_mm, arc_mm);
+        let here = self.flown_mm[i] + (self.flown_mm[i + 1] - self.flown_mm[i]) * t;
+        self.pose_between(self.sample(&self.flown_mm, here + way_mm)).position_mm.as_dvec3()
+    }
+
+    fn pose_between(&self, (i, t): (usize, f64)) -> Pose {
         let (a, b) = (self.poses[i], self.poses[i + 1]);
         if self.cuts.contains(&(i + 1)) {
             return if t < 1.0 { a } else { b };
@@ -149,8 +161,7 @@ impl FlightPath {
     /// Returns the unit direction of the path: over two millimetres about a place where there are
     /// as many.
     pub fn tangent_at(&self, arc_mm: f64) -> DVec3 {
-        let place = |arc: f64| self.pose_at(arc).position_mm.as_dvec3();
-        let across = place(arc_mm + 1.0) - place(arc_mm - 1.0);
+        let across = self.beside(arc_mm, 1.0) - self.beside(arc_mm, -1.0);
         let forward = || self.pose_at(arc_mm).forward().as_dvec3();
         // Not across a jump between two pieces.
         let near = across.length() < 4.0;
@@ -161,8 +172,7 @@ impl FlightPath {
     /// the lumen to both sides, as the small turns of a path are not turns of the lumen.
     pub fn across_at(&self, arc_mm: f64) -> DVec3 {
         let reach = (2.0 * self.radius_at(arc_mm)).max(1.0);
-        let place = |arc: f64| self.pose_at(arc).position_mm.as_dvec3();
-        let across = place(arc_mm + reach) - place(arc_mm - reach);
+        let across = self.beside(arc_mm, reach) - self.beside(arc_mm, -reach);
         // Not across a jump between two pieces.
         let near = across.length() <= 2.0 * reach + 1e-6;
         across.try_normalize().filter(|_| near).unwrap_or_else(|| self.tangent_at(arc_mm))
@@ -260,7 +270,7 @@ impl FlightPath {
 mod tests {
     use super::*;
     use crate::geometry::{Branch, CenterlinePoint};
-    use glam::Quat;
+    use glam::{Quat, Vec3};
 
     fn flight() -> (Flight, Centerline) {
         let at = |x: f32| Pose { position_mm: Vec3::X * x, rotation: Quat::IDENTITY };
@@ -270,6 +280,7 @@ mod tests {
             poses: places.map(at).to_vec(),
             near_mm: vec![1.0; 5],
             seconds: vec![0.0, 1.0, 2.0, 3.0, 4.0],
+            arc_mm: vec![0.0, 2.0, 4.0, 4.0, 5.0],
             clearance_mm: vec![5.0; 5],
             room_mm: vec![5.0; 5],
             fov_y_rad: 1.0,

@@ -114,6 +114,9 @@ pub struct Flight {
     pub near_mm: Vec<f32>,
     /// Time of each frame since the first, s.
     pub seconds: Vec<f64>,
+    /// Length of the path up to each frame, mm, as [`Centerline`](crate::geometry::Centerline) has it:
+    /// the eye cuts its corners. Jumps between pieces have no length.
+    pub arc_mm: Vec<f64>,
     /// Proven lower bound of each frame's distance to the wall, mm.
     pub clearance_mm: Vec<f64>,
     /// Room about the eye, mm: radius of the path, smoothed along it, by which light is scaled.
@@ -186,9 +189,9 @@ impl Flight {
         let mut flight = Self::empty(options.fov_y_rad, options.aspect);
         for k in 0..count {
             let seconds = each * k as f64;
-            let shot = planner.shot(k, profile.arc_at(seconds * stretch))?;
-            flight.push(shot, seconds);
-            let room_mm = track.room_mm(profile.arc_at(seconds * stretch));
+            let arc_mm = profile.arc_at(seconds * stretch);
+            flight.push(planner.shot(k, arc_mm)?, seconds, arc_mm);
+            let room_mm = track.room_mm(arc_mm);
             flight.room_mm.push(room_mm.max(least_room_mm(lumen)) as f32);
         }
         flight.moved = planner.moved;
@@ -244,6 +247,8 @@ impl Flight {
                 flight.cuts.push(flight.poses.len());
             }
             flight.seconds.extend(piece.seconds.iter().map(|s| start + s));
+            let before_mm = flight.arc_mm.last().copied().unwrap_or(0.0);
+            flight.arc_mm.extend(piece.arc_mm.iter().map(|arc| before_mm + arc));
             flight.poses.extend(piece.poses);
             flight.near_mm.extend(piece.near_mm);
             flight.clearance_mm.extend(piece.clearance_mm);
@@ -291,6 +296,7 @@ impl Flight {
             poses: Vec::new(),
             near_mm: Vec::new(),
             seconds: Vec::new(),
+            arc_mm: Vec::new(),
             clearance_mm: Vec::new(),
             room_mm: Vec::new(),
             fov_y_rad,
@@ -301,11 +307,12 @@ impl Flight {
         }
     }
 
-    pub(super) fn push(&mut self, shot: (Pose, f32, f64), seconds: f64) {
+    pub(super) fn push(&mut self, shot: (Pose, f32, f64), seconds: f64, arc_mm: f64) {
         self.poses.push(shot.0);
         self.near_mm.push(shot.1);
         self.clearance_mm.push(shot.2);
         self.seconds.push(seconds);
+        self.arc_mm.push(arc_mm);
     }
 
     /// Returns the lens of a frame.

@@ -146,8 +146,13 @@ impl Renderer {
         Ok(())
     }
 
+    /// Whether the renderer was made on this device, and can draw on it.
+    pub fn is_on(&self, gpu: &Gpu) -> bool {
+        gpu.owns(&self.releaser)
+    }
+
     pub(super) fn check_device(&self, gpu: &Gpu) {
-        assert!(gpu.owns(&self.releaser), "a renderer draws on the device it was made on");
+        assert!(self.is_on(gpu), "a renderer draws on the device it was made on");
     }
 
     /// Columns and rows of a frame.

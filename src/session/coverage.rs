@@ -20,10 +20,11 @@ impl Session {
             true => (all_round(&flight), Vec::new()),
         };
         let views_a_pose = there.len() / flight.poses.len().max(1);
-        let cuts: Vec<usize> = flight.cuts.iter().map(|i| i * views_a_pose).collect();
+        let arcs = flight.arc_mm.iter().flat_map(|arc| std::iter::repeat_n(*arc, views_a_pose));
+        let arcs: Vec<f64> = arcs.collect();
         let (tree, exterior) = (present(&self.slots.triangle_tree), present(&self.slots.exterior));
         let map = || CoverageMap::new(&wall.mesh, &tree, exterior.grid.as_deref());
-        let seen = || coverage(map(), &there, &back, &cuts);
+        let seen = || coverage(map(), &there, &back, &arcs);
         Ok(clock.time("coverage", "faces", seen, |_| faces))
     }
 

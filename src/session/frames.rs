@@ -13,31 +13,55 @@ use crate::device::{Device, DeviceError};
 use crate::flight::Flight;
 use crate::geometry::{Centerline, CenterlinePoint, Pose};
 use crate::render::{
-    FrameSequence, FrameStats, MeshHandle, PreparedMesh, Renderer, Scene, Shot, Spares,
-    TissueHandle, View,
+    FrameSequence, FrameStats, MeshHandle, PreparedMesh, RenderError, Renderer, Scene, Shot,
+    Spares, TissueHandle, View,
 };
 use crate::task::CancelToken;
-use crate::vk::{Choice, Gpu, return_freed_memory};
+use crate::vk::{Choice, Gpu, VkError, return_freed_memory};
 
 /// The renderer with the device it draws on: the one that computes or, where that is the CPU,
 /// what Vulkan there is.
 pub(super) struct Display {
     device: Arc<OpenDevice>,
-    own: Option<Mutex<Gpu>>,
+    own: Mutex<Option<Gpu>>,
     /// Taken by what draws with it.
     pub(super) renderer: Mutex<Option<Renderer>>,
     pub(super) name: String,
 }
 
 impl Display {
-    pub(super) fn with_gpu<T>(&self, work: impl FnOnce(&mut Gpu) -> T) -> T {
-        if let Some(own) = &self.own {
-            return work(&mut locked(own));
+    /// Does something on the device.
+    ///
+    /// # Errors
+    /// Those of `work`, and of opening a device where the one that computes was given up.
+    fn on_device<T, E: Into<SessionError>>(
+        &self,
+        work: impl FnOnce(&mut Gpu) -> Result<T, E>,
+    ) -> Result<T, SessionError> {
+        let mut own = locked(&self.own);
+        if own.is_none() {
+            match &mut *self.device.lock() {
+                Device::Gpu(gpu) => return work(gpu).map_err(E::into),
+                Device::Cpu => *own = Some(Gpu::open(Choice::Any).map_err(DeviceError::from)?),
+            }
         }
-        match &mut *self.device.lock() {
-            Device::Gpu(gpu) => work(gpu),
-            Device::Cpu => unreachable!("a CPU draws with a device of its own"),
-        }
+        work(own.as_mut().expect("opened before")).map_err(E::into)
+    }
+
+    /// Draws something with a renderer.
+    ///
+    /// # Errors
+    /// Those of `work`; [`VkError::DeviceLost`] where the device that the renderer was made on is gone:
+    /// a stage has lost it and opened another.
+    pub(super) fn draw<T, E: Into<SessionError>>(
+        &self,
+        renderer: &mut Renderer,
+        work: impl FnOnce(&mut Renderer, &mut Gpu) -> Result<T, E>,
+    ) -> Result<T, SessionError> {
+        self.on_device(|gpu| match renderer.is_on(gpu) {
+            true => work(renderer, gpu).map_err(E::into),
+            false => Err(RenderError::from(VkError::DeviceLost { during: "another stage" }).into()),
+        })
     }
 }
 
@@ -48,14 +72,14 @@ impl Session {
         // A device that computes may be at work now: its renderer is opened with the first frames.
         let display = if device.draws {
             let name = device.name.clone();
-            Display { device, own: None, renderer: Mutex::new(None), name }
+            Display { device, own: Mutex::new(None), renderer: Mutex::new(None), name }
         } else {
             let mut gpu = Gpu::open(Choice::Any).map_err(DeviceError::from)?;
             let name = gpu.info().name.clone();
             let s = &self.settings.flight;
             let renderer = Renderer::new(&mut gpu, s.size[0], s.size[1], s.samples)?;
             let renderer = Mutex::new(Some(renderer));
-            Display { device, own: Some(Mutex::new(gpu)), renderer, name }
+            Display { device, own: Mutex::new(Some(gpu)), renderer, name }
         };
         let [width, height] = self.settings.flight.size;
         let pixels = u64::from(width) * u64::from(height);
@@ -106,8 +130,9 @@ impl Session {
                 PreparedMesh::subdivided(Arc::clone(wall), shading.mean_radius_mm)
             }
         };
-        let mut upload =
-            |wall: &PreparedMesh| display.with_gpu(|gpu| renderer.upload_prepared_mesh(gpu, wall));
+        let mut upload = |wall: &PreparedMesh| {
+            display.draw(&mut renderer, |renderer, gpu| renderer.upload_prepared_mesh(gpu, wall))
+        };
         let inside = upload(&wall)?;
         // An overview shows a mesh.
         let overview = match &levels.form {
@@ -116,15 +141,17 @@ impl Session {
         };
         let shows_tissue = self.settings.shows_tissue();
         let behind = shows_tissue.then(|| self.behind()).transpose()?;
-        let mut upload =
-            |wall: &BehindWall| display.with_gpu(|gpu| renderer.upload_tissue(gpu, wall));
+        let mut upload = |wall: &BehindWall| {
+            display.draw(&mut renderer, |renderer, gpu| renderer.upload_tissue(gpu, wall))
+        };
         let tissue = behind.as_deref().map(&mut upload).transpose()?;
         let mut held = vec![inside];
         held.extend(overview.filter(|mesh| *mesh != inside));
         let mut scene = Scene { behind: tissue, ..Scene::with(inside, overview) };
         let pieces = self.flown_pieces(&centered.line)?;
         if is_overview && pieces.iter().any(|p| p.len() > 1) {
-            scene.path = Some(display.with_gpu(|gpu| renderer.upload_path(gpu, &pieces))?);
+            let path = display.draw(&mut renderer, |r, gpu| r.upload_path(gpu, &pieces))?;
+            scene.path = Some(path);
         }
         let shots = shots(&flight, s.view, &share_of_path(&pieces, &flight));
         Ok(FrameStream {
@@ -150,8 +177,10 @@ impl Session {
     pub(super) fn take_renderer(&self, display: &Display) -> Result<Renderer, SessionError> {
         let s = &self.settings.flight;
         let taken = locked(&display.renderer).take();
-        let new = |gpu: &mut Gpu| Renderer::new(gpu, s.size[0], s.size[1], s.samples);
-        Ok(taken.map_or_else(|| display.with_gpu(new), Ok)?)
+        display.on_device(|gpu| match taken {
+            Some(renderer) if renderer.is_on(gpu) => Ok(renderer),
+            _ => Renderer::new(gpu, s.size[0], s.size[1], s.samples),
+        })
     }
 
     /// The pieces of the path in the order and direction in which they are flown.
@@ -253,7 +282,7 @@ impl FrameStream {
         let Some((sequence, renderer)) = self.sequence.as_mut().zip(self.renderer.as_mut()) else {
             return Ok(None);
         };
-        let next = display.with_gpu(|gpu| sequence.next_frame(renderer, gpu))?;
+        let next = display.draw(renderer, |renderer, gpu| sequence.next_frame(renderer, gpu))?;
         let Some((rgb, stats)) = next else { return Ok(None) };
         self.figures.ms.push(self.since.elapsed().as_secs_f64() * 1000.0);
         self.figures.stats.push(stats);
@@ -304,7 +333,11 @@ impl FrameStream {
     pub(super) fn end(&mut self) -> &mut Renderer {
         let renderer = self.renderer.as_mut().expect("held until the stream is dropped");
         if let Some(mut sequence) = self.sequence.take() {
-            self.display.with_gpu(|gpu| sequence.finish(renderer, gpu));
+            // A device that is gone has no frame in flight.
+            let _ = self.display.draw(renderer, |renderer, gpu| {
+                sequence.finish(renderer, gpu);
+                Ok::<_, SessionError>(())
+            });
         }
         self.held.drain(..).for_each(|m| renderer.remove_mesh(m));
         self.tissue.take().into_iter().for_each(|tissue| renderer.remove_tissue(tissue));

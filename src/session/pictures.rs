@@ -8,9 +8,9 @@ use glam::{DVec3, Mat4, Vec3};
 
 use super::frames::Display;
 use super::{DrawnFrame, FrameStream, Product, Session, SessionError, locked, present};
-use crate::flight::{Coverage, Flight, FlightPath};
+use crate::flight::{Coverage, Flight};
 use crate::formats::encode_png;
-use crate::geometry::{Centerline, Mesh};
+use crate::geometry::Mesh;
 use crate::render::{
     FrameStats, Framing, MISSED, MeshHandle, PreparedMesh, RenderError, Renderer, Scene, Shot,
     View, clip_from_world,
@@ -90,7 +90,7 @@ pub struct InsidePicture {
     pub picture: PngPicture,
     /// Number of the frame, from 1.
     pub frame: usize,
-    /// Length flown up to it, mm; jumps between pieces do not count.
+    /// Length of the path up to it, mm; jumps between pieces do not count.
     pub arc_mm: f64,
 }
 
@@ -188,7 +188,7 @@ impl Session {
         &self,
         stream: Option<&mut FrameStream>,
     ) -> Result<ReportPictures, SessionError> {
-        let (flight, centered) = (self.flight()?, self.centerline()?);
+        let flight = self.flight()?;
         self.prepare(&[Product::ShownWall, Product::Display])?;
         let start = Instant::now();
         let display = present(&self.slots.display);
@@ -207,7 +207,7 @@ impl Session {
                 drawn?
             }
         };
-        let pictures = ReportPictures { overview, inside: kept.named(&flight, &centered.line) };
+        let pictures = ReportPictures { overview, inside: kept.named(&flight) };
         let count = pictures.inside.len() + usize::from(pictures.overview.is_some());
         let items = (count as u64, "pictures");
         self.clock().record("pictures", &display.name, start, items, Vec::new());
@@ -237,7 +237,7 @@ impl Session {
         let side = Framing::of_path(pieces.iter().flatten().map(|p| p.as_dvec3()));
         let frame = renderer.size();
         let size = if frame[1] >= OVERVIEW_HEIGHT { frame } else { SMALL_OVERVIEW };
-        let rgb = display.with_gpu(|gpu| {
+        let rgb = display.draw(renderer, |renderer, gpu| {
             if inside {
                 let mesh = renderer.upload_prepared_mesh(gpu, &prepared)?;
                 let outcome = draw_inside(gpu, renderer, mesh, flight, &mut kept);
@@ -301,13 +301,11 @@ fn shot(flight: &Flight, frame: usize, view: View) -> Shot {
 
 impl KeptFrames {
     /// The frames as pictures, with their places.
-    fn named(self, flight: &Flight, line: &Centerline) -> Vec<InsidePicture> {
-        let path = FlightPath::new(flight, line);
-        let arc = |i: usize| path.as_ref().and_then(|p| p.arcs_mm().get(i).copied()).unwrap_or(0.0);
+    fn named(self, flight: &Flight) -> Vec<InsidePicture> {
         let named = |(index, size, rgb): (usize, [u32; 2], Vec<u8>)| InsidePicture {
             picture: PngPicture { size, png: encode_png(size[0], size[1], &rgb) },
             frame: index + 1,
-            arc_mm: arc(index),
+            arc_mm: flight.arc_mm.get(index).copied().unwrap_or(0.0),
         };
         self.0.into_iter().map(named).collect()
     }

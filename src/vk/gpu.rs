@@ -159,7 +159,7 @@ impl Gpu {
         Self::open_parts(choice, options, Purpose::Present(window))
     }
 
-    /// Opens the same device once more, to compute. Nothing that was made on this one is on the other.
+    /// Opens a device as this one was opened. Nothing that was made on this one is on the other.
     ///
     /// # Errors
     /// As [`Gpu::open`].

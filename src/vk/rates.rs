@@ -112,8 +112,12 @@ impl Drop for Rates {
     }
 }
 
-/// A line a kernel: name, seconds a workgroup, workgroups.
+/// After the hash of the rest a heading, then a line a kernel: name, seconds a workgroup, workgroups.
 fn parse(text: &str) -> Option<BTreeMap<String, Rate>> {
+    let (hash, text) = text.split_once('\n')?;
+    if blake3::hash(text.as_bytes()).to_hex().as_str() != hash {
+        return None;
+    }
     let mut lines = text.lines();
     if lines.next() != Some(HEADING) {
         return None;
@@ -135,6 +139,7 @@ fn write(path: &Path, rates: &BTreeMap<String, Rate>) -> std::io::Result<()> {
     let folder = path.parent().ok_or(std::io::ErrorKind::InvalidInput)?;
     std::fs::create_dir_all(folder)?;
     let mut file = tempfile::NamedTempFile::new_in(folder)?;
+    writeln!(file, "{}", blake3::hash(text.as_bytes()).to_hex())?;
     file.write_all(text.as_bytes())?;
     file.persist(path)?;
     Ok(())
@@ -172,7 +177,8 @@ mod tests {
         assert_eq!(open(&Limits { driver_version: 4, ..limits.clone() }).by_kernel.len(), 0);
         let whole = std::fs::read_to_string(&path).unwrap();
         let newer = whole.replace("rates 1", "rates 2");
-        for bad in [newer, whole.replace("e0", "x"), format!("{whole}copy NaN 3"), String::new()] {
+        let cut = whole[..whole.len() - 2].to_owned();
+        for bad in [newer, cut, whole.replace('7', "8"), format!("{whole}x 1 3"), String::new()] {
             std::fs::write(&path, &bad).unwrap();
             assert!(open(&limits).by_kernel.is_empty(), "{bad:?}");
         }

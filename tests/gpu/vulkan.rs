@@ -248,6 +248,11 @@ fn retired_memory_is_reclaimed_without_drawing() {
     }
 }
 
+/// The program; that of a pack where the tests are in one.
+fn program() -> String {
+    std::env::var("INTIMA_TEST_PROGRAM").unwrap_or_else(|_| env!("CARGO_BIN_EXE_intima").into())
+}
+
 /// The driver's manifest that `VK_DRIVER_FILES` names, with one member more.
 fn manifest_with(member: &str) -> Option<String> {
     let file = std::env::var("VK_DRIVER_FILES").ok()?;
@@ -626,7 +631,7 @@ mod faults {
 
     /// Runs the program with a planted fault and validation; exit code and standard error.
     fn validated(folder: &std::path::Path, fault: &str, args: &[&str]) -> (i32, String) {
-        let out = std::process::Command::new(env!("CARGO_BIN_EXE_intima"))
+        let out = std::process::Command::new(program())
             .current_dir(folder)
             .args(args)
             .envs([("INTIMA_FAULT", fault), ("INTIMA_VALIDATE", "1")])
@@ -655,7 +660,7 @@ mod faults {
         // Nor does a message pass where nobody reads the answer, or with another error.
         let (code, said) = validated(tmp.path(), "barrier:1,write:1", &args);
         assert!(code == 1 && said.lines().last() == Some(last), "exit code {code}: {said}");
-        let program = env!("CARGO_BIN_EXE_intima");
+        let program = program();
         let line = format!("({program} {} --json; echo $? > code) | true", args.join(" "));
         let ran = std::process::Command::new("sh")
             .current_dir(tmp.path())

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::super::action::Pane;
-use super::super::slices::slice_step_mm;
+use super::super::slices::{nearest_inside, slice_step_mm};
 use super::Model;
 
 /// Slices a second.
@@ -26,8 +26,9 @@ impl Model {
 
     /// Starts or stops the loop.
     pub(super) fn run_cine(&mut self, runs: bool) {
-        self.cine = runs.then_some(Cine { is_back: false, due: 0.0 });
-        if runs {
+        let starts = runs && self.volume().is_some();
+        self.cine = starts.then_some(Cine { is_back: false, due: 0.0 });
+        if starts {
             (self.playing, self.goal_mm, self.gaze_mm) = (false, None, None);
         }
     }
@@ -35,25 +36,29 @@ impl Model {
     /// Moves the crosshair on by whole slices; the loop turns at the ends of the volume.
     pub(super) fn pass_cine(&mut self, dt: f64) {
         let (Some(mut cine), Some(volume)) = (self.cine, self.volume().cloned()) else { return };
-        let normal = match self.maximised.unwrap_or(self.large_slice) {
-            Pane::Coronal => DVec3::Y,
-            Pane::Sagittal => DVec3::X,
-            Pane::Axial | Pane::Across | Pane::Inside | Pane::Overview => DVec3::Z,
-        };
         cine.due += RATE * dt;
         let count = cine.due.floor();
         cine.due -= count;
+        let normal = self.cine_normal();
         let way = normal * slice_step_mm(&volume, normal) * count;
         let to = self.crosshair_mm + if cine.is_back { -way } else { way };
-        let voxel = volume.grid.voxel_from_world().transform_point3(to);
-        let last = volume.grid.dims.as_dvec3() - 1.0;
-        let is_inside = voxel.cmpge(DVec3::ZERO).all() && voxel.cmple(last).all();
-        if is_inside {
-            self.crosshair_mm = to;
-        } else {
-            cine.is_back = !cine.is_back;
-        }
+        let end = nearest_inside(&volume, to);
+        // Beyond the end along the way itself: a crosshair beside the volume comes back into it.
+        cine.is_back ^= (to - end).dot(normal).abs() > 1e-6;
+        self.crosshair_mm = end;
         self.cine = Some(cine);
+    }
+
+    /// Unit direction from one slice of the large pane to the next.
+    fn cine_normal(&self) -> DVec3 {
+        match self.maximised.unwrap_or(self.large_slice) {
+            Pane::Coronal => DVec3::Y,
+            Pane::Sagittal => DVec3::X,
+            Pane::Across => {
+                self.across_pose().map_or(DVec3::Z, |pose| pose.forward().as_dvec3().normalize())
+            }
+            Pane::Axial | Pane::Inside | Pane::Overview => DVec3::Z,
+        }
     }
 }
 
@@ -84,6 +89,14 @@ mod tests {
         let rests = model.crosshair_mm;
         model.step(1.0, &[]);
         assert_eq!(model.crosshair_mm, rests);
+        // A crosshair that was drawn out of the volume comes back.
+        model.step(0.0, &[Action::Crosshair([0.0, 0.0, 9e3]), Action::Cine(true)]);
+        model.step(1.0 / RATE, &[]);
+        let volume = model.volume().unwrap().clone();
+        assert_eq!(nearest_inside(&volume, model.crosshair_mm), model.crosshair_mm);
+        let mut empty = super::super::Model::new(20.0);
+        empty.step(0.1, &[Action::Cine(true)]);
+        assert!(!empty.wants_frame(), "there is nothing to run through");
         model.step(0.0, &[Action::Cine(true), Action::TogglePlay]);
         assert!(model.playing && !model.runs_cine(), "the flight moves the slices now");
     }

@@ -66,10 +66,12 @@ impl Model {
 
     /// Flies along the path to a place on it, mm from its start. From off the path it is a jump.
     pub(super) fn fly_along(&mut self, arc_mm: f64, playing: bool) {
-        let from = (self.on_path, self.arc_mm);
+        let from = self.pose.filter(|_| self.on_path).map(|pose| (pose.position_mm, self.arc_mm));
         self.seek_while(arc_mm, playing);
-        if from.0 {
-            self.speedometer.fly(self.arc_mm - from.1);
+        if let (Some((place, arc)), Some(pose)) = (from, self.pose) {
+            // The eye cuts the path's corners; a jump between two pieces is not flown.
+            let way = f64::from(place.distance(pose.position_mm));
+            self.speedometer.fly(way.min((self.arc_mm - arc).abs()));
         }
     }
 

@@ -262,7 +262,8 @@ impl OpenCase {
             let saved = self.save_session();
             saved.err().iter().for_each(|e| tracing::error!("bookmarks are not saved: {e}"));
         }
-        let is_answered = self.left_unsaved == Some(self.model.notes_version());
+        let version = Some(self.model.notes_version());
+        let is_answered = *request == Request::Quit && self.left_unsaved == version;
         let leaves_notes = self.model.has_unsaved_notes() && !is_answered;
         let loses_flight = self.is_saving() && !is_answered;
         // Nobody answers a script.

@@ -11,7 +11,7 @@ use super::super::coverage_recorder::CoverageRecorder;
 use super::super::error::AppError;
 use super::super::kept_notes::KeptNotes;
 use super::super::model::Model;
-use super::super::opening::{Opening, with_branches};
+use super::super::opening::{Opening, SavedLumen, with_branches};
 use super::super::panes::{Detail, Panes};
 use super::super::saved_case::SavedCase;
 use super::super::session_file::NotesFile;
@@ -21,7 +21,7 @@ use super::notes::Files;
 use crate::flight::Frames;
 use crate::geometry::cube_faces;
 use crate::organ::glance;
-use crate::session::{FlightRoute, Product, Session, SessionError, Source};
+use crate::session::{FlightRoute, LumenSettings, Product, Session, SessionError, Source};
 use crate::vk::{Gpu, ImageId};
 
 /// Products that are shown, in the order in which a script takes them in: its pictures show those
@@ -65,7 +65,8 @@ pub struct OpenCase {
     samples: u32,
     /// Files of the notes.
     pub(super) files: Files,
-    /// Number of changes of the notes when somebody chose to leave them unsaved.
+    /// Number of changes of the notes when somebody chose to close the window without them, and
+    /// without the flight that is being saved.
     pub(super) left_unsaved: Option<u64>,
     wake: Arc<dyn Fn() + Send + Sync>,
 }
@@ -123,13 +124,24 @@ impl OpenCase {
         Ok(case)
     }
 
-    /// Asks for the organ of this case, for another case of the same patient.
-    pub fn organ_request(&self) -> Option<Request> {
-        let wanted = self.options.settings.lumen.organ?;
-        Some(match wanted.tagged {
-            true => Request::TaggedColon,
-            false => Request::Organ(wanted.organ),
-        })
+    /// The organ that is found in this case, as it is looked for, or will be when its notes are read.
+    pub fn organ(&self) -> Option<SavedLumen> {
+        let organ = self.options.settings.lumen.organ;
+        let own = LumenSettings { organ, ..LumenSettings::default() };
+        let waiting = self.files.waiting.as_ref().and_then(|notes| notes.lumen.clone());
+        SavedLumen::of(&own).or(waiting.filter(SavedLumen::is_of_an_organ))
+    }
+
+    /// Takes another lumen of the volume.
+    pub fn take_lumen(&mut self, gpu: &mut Gpu, lumen: &SavedLumen) -> Result<(), AppError> {
+        let session = self.computation.as_ref().map(|c| &*c.session);
+        let opening = Opening::of_saved(lumen, session, &self.options.settings);
+        self.open(gpu, opening)
+    }
+
+    /// Forgets that notes were left unsaved: the window was not closed.
+    pub fn forget_answer(&mut self) {
+        self.left_unsaved = None;
     }
 
     /// Has the session compute other volumes or other settings, and nothing else any more.
@@ -376,9 +388,14 @@ impl OpenCase {
             Request::SaveAs(path) => Some(self.save_as(path.clone())),
             _ => None,
         });
-        if is_saved == Some(true) || requests.contains(&Request::Discard) {
-            self.left_unsaved = Some(self.model.notes_version());
-            requests.extend(self.model.leaving.take());
+        let is_discarded = requests.contains(&Request::Discard);
+        if (is_saved == Some(true) || is_discarded)
+            && let Some(request) = self.model.leaving.take()
+        {
+            // Another case may ask too before the window is closed.
+            let is_quit = request == Request::Quit;
+            self.left_unsaved = (is_discarded && is_quit).then(|| self.model.notes_version());
+            requests.push(request);
         }
         let is_mask = self.model.contents.as_ref().is_some_and(|(_, is_mask)| *is_mask);
         let opening = requests.iter().rev().find_map(|request| {
@@ -434,6 +451,7 @@ impl OpenCase {
         } else {
             self.model = self.model.reset();
             self.ui.reset();
+            self.left_unsaved = None;
         }
         self.recorder = None;
         self.shown_count = 0;

@@ -5,6 +5,7 @@
 use super::super::model::Model;
 use super::super::ui::PairState;
 use super::open_case::OpenCase;
+use crate::session::FlightRoute;
 
 /// State of the two.
 #[derive(Default)]
@@ -20,7 +21,13 @@ struct Link {
     offset: f64,
     /// Shares of both at the last frame.
     last: [f64; 2],
+    /// What the shares were of.
+    paths: [PathMark; 2],
 }
+
+/// What tells a path, counted from one of its ends, from another: route, length as bits, whether it
+/// begins at the rectum.
+type PathMark = (FlightRoute, u64, Option<bool>);
 
 impl Pair {
     /// * `active`: the case that keys and panels are of.
@@ -33,9 +40,10 @@ impl Pair {
         PairState { active: self.active, is_linked: self.link.is_some() }
     }
 
-    /// Gives keys and panels to a case, if there are so many.
-    pub fn activate(&mut self, case: usize, count: usize) {
-        if case < count {
+    /// Gives keys and panels to a case, if it is there. Of linked cases one flies at a time.
+    pub fn activate(&mut self, case: usize, cases: &mut [OpenCase]) {
+        if case < cases.len() && case != self.active {
+            cases[self.active].model.playing &= self.link.is_none();
             self.active = case;
         }
     }
@@ -50,24 +58,39 @@ impl Pair {
 
     /// Has both eyes move together from now on, or each for itself.
     pub fn link(&mut self, is_linked: bool, cases: &[OpenCase]) {
-        let last = shares(cases).filter(|_| is_linked);
-        self.link = last.map(|last| Link { offset: last[1] - last[0], last });
+        self.link = is_linked.then(|| Link::of(cases)).flatten();
     }
 
-    /// Moves the eye of the other case as that of this one has moved.
+    /// Moves the eye of the other case as that of this one has moved. Where the other was moved by
+    /// itself, or a path has become another one, the difference is that from now on.
     pub fn keep_together(&mut self, cases: &mut [OpenCase]) {
-        let Some(link) = &mut self.link else { return };
-        let Some(now) = shares(cases) else {
-            self.link = None;
-            return;
-        };
+        let Some(link) = &self.link else { return };
+        let now = Link::of(cases).filter(|now| now.paths == link.paths);
         let (active, other) = (self.active, 1 - self.active);
-        if now[active] != link.last[active] {
+        if let Some(now) = now
+            && now.last[active] != link.last[active]
+        {
             let by = if active == 0 { link.offset } else { -link.offset };
-            let from_rectum = are_ends_known(cases);
-            cases[other].model.follow_to_share(now[active] + by, from_rectum);
+            let share = now.last[active] + by;
+            cases[other].model.follow_to_share(share, are_ends_known(cases));
+            let offset = link.offset;
+            self.link = Link::of(cases).map(|link| Link { offset, ..link });
+        } else {
+            self.link = Link::of(cases);
         }
-        link.last = shares(cases).expect("they had paths");
+    }
+}
+
+impl Link {
+    /// Eyes as they are; `None` where one has no path.
+    fn of(cases: &[OpenCase]) -> Option<Self> {
+        let last = shares(cases)?;
+        let mark = |model: &Model| {
+            let length = model.path.as_ref().map_or(0.0, |path| path.length_mm());
+            (model.route, length.to_bits(), model.ends.map(|ends| ends.starts_at_rectum))
+        };
+        let paths = [mark(&cases[0].model), mark(&cases[1].model)];
+        Some(Self { offset: last[1] - last[0], last, paths })
     }
 }
 

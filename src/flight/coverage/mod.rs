@@ -13,7 +13,6 @@ use std::num::NonZeroU32;
 
 use glam::Vec3;
 
-use super::path::flown_mm;
 use crate::geometry::{Lens, Pose};
 
 /// Least area of a missed patch that is listed by itself, mm². A reader who looks at patches of 300
@@ -54,7 +53,8 @@ pub struct Coverage {
 ///   not count as wall; neither do faces without area.
 /// * `forward`, `backward`: pose and lens of every frame of the flight and of the one back. A
 ///   lens sees what is in front of its near plane and within its field of view.
-/// * `cuts`: indices of views of `forward` that begin another piece; no length is flown up to them.
+/// * `arcs_mm`: length of the path up to each view of `forward`, or of `backward` if there is no other;
+///   the places of patches are told by it.
 ///
 /// A sample of the wall is seen in a view when it lies inside the view frustum, when its face looks
 /// at the eye, and when no other face of the wall meets the segment between them. The sample of
@@ -71,7 +71,7 @@ pub fn coverage(
     mut map: CoverageMap<'_>,
     forward: &[(Pose, Lens)],
     backward: &[(Pose, Lens)],
-    cuts: &[usize],
+    arcs_mm: &[f64],
 ) -> Coverage {
     map.add(forward);
     let (one_way_fraction, seen_one_way) = (map.fraction(), map.seen().to_vec());
@@ -81,10 +81,9 @@ pub fn coverage(
     let (wall, areas) = map.into_areas();
     let areas = &areas[..];
     let missed = |f: usize| areas[f] > 0.0 && !seen_both_ways[f];
-    let (path, cuts) = if forward.is_empty() { (backward, &[][..]) } else { (forward, cuts) };
-    let places: Vec<Vec3> = path.iter().map(|(pose, _)| pose.position_mm).collect();
-    let arcs_mm = flown_mm(&places, cuts);
-    let eyes: Vec<(Vec3, f64)> = places.into_iter().zip(arcs_mm).collect();
+    let path = if forward.is_empty() { backward } else { forward };
+    let eyes: Vec<(Vec3, f64)> =
+        path.iter().map(|(pose, _)| pose.position_mm).zip(arcs_mm.iter().copied()).collect();
     let (mut patches, patch_of_face) = patches::missed_patches(wall, areas, missed, &eyes);
     let listed = patches.partition_point(|p| p.area_mm2 >= LISTED_FROM_MM2);
     let smaller = patches.split_off(listed);

@@ -13,7 +13,7 @@ pub struct MissedPatch {
     pub area_mm2: f64,
     /// Area-weighted mean of the faces, LPS mm; may lie off a curved patch.
     pub center_mm: DVec3,
-    /// Length flown up to the eye nearest to the centre, mm; jumps between pieces do not count.
+    /// Length of the path up to the eye nearest to the centre, mm; jumps between pieces do not count.
     pub arc_mm: f64,
     /// Number of faces.
     pub faces: usize,
@@ -22,7 +22,7 @@ pub struct MissedPatch {
 /// Returns all missed patches, largest first, and the number, from 1, of the patch that each face
 /// belongs to.
 ///
-/// * `eyes`: positions of the eye, LPS mm, in the order flown, each with the length flown up to it.
+/// * `eyes`: positions of the eye, LPS mm, in the order flown, each with the length of the path up to it.
 ///
 /// Equally large patches stand in the order of their first faces.
 pub(super) fn missed_patches(
@@ -64,7 +64,7 @@ fn patch(wall: &Mesh, areas: &[f32], faces: &[u32], eyes: &[(Vec3, f64)]) -> Mis
     MissedPatch { area_mm2, center_mm, arc_mm: arc_at(eyes, center_mm), faces: faces.len() }
 }
 
-/// Returns the length flown up to the eye nearest to a place, mm; the first of equally near ones.
+/// Returns the length of the path up to the eye nearest to a place, mm; the first of equally near ones.
 fn arc_at(eyes: &[(Vec3, f64)], place: DVec3) -> f64 {
     let near = |eye: &(Vec3, f64)| eye.0.as_dvec3().distance_squared(place);
     eyes.iter().min_by(|a, b| near(a).total_cmp(&near(b))).map_or(0.0, |eye| eye.1)

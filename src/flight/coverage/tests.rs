@@ -13,7 +13,19 @@ fn coverage(wall: &Mesh, there: &[(Pose, Lens)], back: &[(Pose, Lens)]) -> Cover
     let is_closed = wall.positions.iter().all(|p| p.is_finite()) && Adjacency::of(wall).1;
     let exterior = is_closed.then(|| ExteriorGrid::new(wall, 10_000));
     let tree = TriangleBvh::new(wall);
-    super::coverage(CoverageMap::new(wall, &tree, exterior.as_ref()), there, back, &[])
+    super::coverage(CoverageMap::new(wall, &tree, exterior.as_ref()), there, back, &arcs(there))
+}
+
+/// Length of the straight ways from eye to eye.
+fn arcs(views: &[(Pose, Lens)]) -> Vec<f64> {
+    let mut arc = 0.0;
+    let mut last = views.first().map(|v| v.0.position_mm);
+    let up_to = |v: &(Pose, Lens)| {
+        arc +=
+            f64::from(v.0.position_mm.distance(last.replace(v.0.position_mm).unwrap_or_default()));
+        arc
+    };
+    views.iter().map(up_to).collect()
 }
 
 /// Views along the six axes, 90 degrees wide: everything about a place.
@@ -250,7 +262,7 @@ fn coverage_is_the_same_at_any_number_of_threads_and_in_any_order_of_views() {
 }
 
 #[test]
-fn the_arc_length_of_a_missed_patch_counts_no_jump_between_pieces() {
+fn the_arc_length_of_a_missed_patch_is_that_of_the_path() {
     let mut wall = sphere(10.0, 24);
     let other = wall.clone();
     let first = wall.positions.len() as u32;
@@ -259,12 +271,16 @@ fn the_arc_length_of_a_missed_patch_counts_no_jump_between_pieces() {
     // Two eyes in each sphere, all looking away from the half that is missed.
     let eyes = [0.0, 2.0, 100.0, 103.0].map(|x| view(x * Vec3::X, Vec3::X, FRAC_PI_2));
     let tree = TriangleBvh::new(&wall);
-    let arcs = |cuts: &[usize]| {
-        let seen = super::coverage(CoverageMap::new(&wall, &tree, None), &eyes, &[], cuts);
+    let arcs = |arcs_mm: &[f64]| {
+        let seen = super::coverage(CoverageMap::new(&wall, &tree, None), &eyes, &[], arcs_mm);
         let mut arcs: Vec<f64> = seen.patches.iter().map(|p| p.arc_mm).collect();
         arcs.sort_by(f64::total_cmp);
         arcs
     };
-    assert_eq!(arcs(&[2]), [0.0, 2.0]);
-    assert_eq!(arcs(&[]), [0.0, 100.0], "flown through, the way between them counts");
+    assert_eq!(arcs(&[0.0, 2.0, 2.0, 5.0]), [0.0, 2.0]);
+    assert_eq!(
+        arcs(&[0.0, 2.5, 102.5, 106.0]),
+        [0.0, 102.5],
+        "the path is longer than the eye's way"
+    );
 }

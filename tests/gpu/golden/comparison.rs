@@ -45,10 +45,7 @@ pub fn processor() -> String {
 
 /// Compares `frame` with `tests/golden/<name>.png`; `driver` names what drew it.
 pub fn check(name: &str, driver: &str, frame: &Frame) {
-    // Where the program is now: a pack takes it to another machine.
-    let root = std::env::var("CARGO_MANIFEST_DIR");
-    let root = root.unwrap_or_else(|_| env!("CARGO_MANIFEST_DIR").into());
-    let path = Path::new(&root).join(format!("tests/golden/{name}.png"));
+    let path = common::root().join(format!("tests/golden/{name}.png"));
     if std::env::var("INTIMA_BLESS").is_ok_and(|v| v == "1") {
         write(&path, frame, Some(driver));
         let bytes = fs::metadata(&path).unwrap().len();

@@ -31,12 +31,14 @@ pub fn accept_gpu(args: &[&str]) -> Result<(), TaskError> {
 /// Everything that the script needs, in one folder.
 fn pack() -> Result<(), TaskError> {
     let folder = root().join(PACK);
-    let _ = fs::remove_dir_all(&folder);
-    let golden = folder.join("root/tests/golden");
-    fs::create_dir_all(&golden).map_err(failed(&golden))?;
+    // What an acceptance left stays.
+    let _ = fs::remove_dir_all(folder.join("root"));
+    fs::create_dir_all(&folder).map_err(failed(&folder))?;
     run(&mut cargo(&["build", "--release", "--locked", "--features", "faults"]))?;
     let tests = built_tests()?;
-    let target = root().join("target/release/intima");
+    // Where cargo put the tests' program, in the folder above.
+    let release = tests.ancestors().nth(2).unwrap_or(&tests).to_owned();
+    let target = release.join("intima");
     let script = root().join("tools/gpu/accept.sh");
     for (from, to) in [(&target, "intima"), (&tests, "gpu-tests"), (&script, "accept.sh")] {
         copy(from, &folder.join(to))?;
@@ -44,9 +46,8 @@ fn pack() -> Result<(), TaskError> {
     for name in ["intima", "gpu-tests"] {
         run(&mut command("strip", &[&format!("{PACK}/{name}")]))?;
     }
-    let stored = root().join("tests/golden");
-    for picture in fs::read_dir(&stored).map_err(failed(&stored))?.flatten() {
-        copy(&picture.path(), &golden.join(picture.file_name()))?;
+    for part in ["tests/golden", "tests/fixtures"] {
+        copy_files(&root().join(part), &folder.join("root").join(part))?;
     }
     for (from, to) in VOLUMES {
         let from = root().join("../shared/data").join(from);
@@ -70,6 +71,16 @@ fn built_tests() -> Result<PathBuf, TaskError> {
 fn program_of(messages: &str) -> Option<PathBuf> {
     let of = |line: &str| Some(line.split("\"executable\":\"").nth(1)?.split('"').next()?.into());
     messages.lines().filter_map(of).last()
+}
+
+/// Copies the files of a folder and of those in it.
+fn copy_files(from: &Path, to: &Path) -> Result<(), TaskError> {
+    fs::create_dir_all(to).map_err(failed(to))?;
+    for entry in fs::read_dir(from).map_err(failed(from))?.flatten() {
+        let (from, to) = (entry.path(), to.join(entry.file_name()));
+        if from.is_dir() { copy_files(&from, &to)? } else { copy(&from, &to)? }
+    }
+    Ok(())
 }
 
 fn copy(from: &Path, to: &Path) -> Result<(), TaskError> {
