@@ -152,8 +152,13 @@ fn of_wall(model: &Model) -> impl Iterator<Item = Figure> {
         });
     }
     if let Some(c) = &model.products.coverage {
+        let name = match model.flies_planned_path() {
+            true => "Flight sees, one way",
+            // Not the branch that is flown now.
+            false => "First path sees, one way",
+        };
         out.push(Figure {
-            name: "Flight sees, one way",
+            name,
             value: percent(c.one_way_fraction),
             about: "Share of the wall's area that the flight along the path shows.",
         });

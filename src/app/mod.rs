@@ -63,7 +63,7 @@ pub use junctions::BranchChoice;
 pub use kept_notes::{KeptOffer, RecentCase};
 pub use measure::Measurement;
 pub use model::{Bookmark, Model, SavedEye, SavedView, WayTo};
-pub use opening::{SavedLumen, SavedSettings};
+pub use opening::{SavedEnds, SavedLumen, SavedSettings};
 pub use saved_case::{SavedCase, SavedInput};
 pub use script::{SCRIPT_SCHEMA, Script, ScriptStep, Wait, play};
 pub use session_file::{SESSION_SCHEMA, SessionFile};

@@ -403,6 +403,11 @@ impl Model {
         self.go_on_along(route);
     }
 
+    /// Whether the path is the flight of the session's settings, and no branch that was taken since.
+    pub fn flies_planned_path(&self) -> bool {
+        self.is_planned_path
+    }
+
     /// Begins at a place on the path, at once or when there is one.
     pub(super) fn start_at(&mut self, arc_mm: f64) {
         self.start_mm = arc_mm;

@@ -102,6 +102,42 @@ impl SavedSettings {
     }
 }
 
+/// Ends of the path that someone has set.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SavedEnds {
+    /// Start of the path, LPS mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    start_mm: Option<[f64; 3]>,
+    /// Its end, LPS mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    end_mm: Option<[f64; 3]>,
+}
+
+impl SavedEnds {
+    pub(super) fn of(settings: &CenterlineSettings) -> Self {
+        let place = |end: Option<EndPoint>| match end {
+            Some(EndPoint::Point(at)) => Some(at.to_array()),
+            Some(EndPoint::Root | EndPoint::Tip(_)) | None => None,
+        };
+        Self { start_mm: place(settings.from), end_mm: place(settings.to) }
+    }
+
+    pub(super) fn is_none(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// Whether its numbers are some.
+    pub(super) fn is_finite(&self) -> bool {
+        self.start_mm.iter().chain(&self.end_mm).flatten().all(|v| v.is_finite())
+    }
+
+    pub(super) fn put_into(self, settings: &mut CenterlineSettings) {
+        let end = |at: [f64; 3]| EndPoint::Point(DVec3::from(at));
+        (settings.from, settings.to) = (self.start_mm.map(end), self.end_mm.map(end));
+    }
+}
+
 impl SavedLumen {
     /// Returns the choice that has these settings; `None` where nobody has chosen.
     pub(super) fn of(settings: &LumenSettings) -> Option<Self> {

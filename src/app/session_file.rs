@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::error::AppError;
 use super::measure::Measurement;
 use super::model::{Bookmark, Model, SavedView};
-use super::opening::SavedLumen;
+use super::opening::{SavedEnds, SavedLumen};
 use super::saved_case::SavedCase;
 use crate::formats::{FormatError, atomic_file, read_plain};
 
@@ -52,6 +52,9 @@ pub struct SessionFile {
     /// Choice of the lumen.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lumen: Option<SavedLumen>,
+    /// Ends of the path that someone has set.
+    #[serde(default, skip_serializing_if = "SavedEnds::is_none")]
+    pub ends: SavedEnds,
     /// Files of the case.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub case: Option<SavedCase>,
@@ -74,6 +77,7 @@ impl SessionFile {
             measurements: model.measurements.clone(),
             view: Some(model.saved_view()),
             lumen: None,
+            ends: SavedEnds::default(),
             case: None,
         })
     }
@@ -133,6 +137,9 @@ impl SessionFile {
         }
         if !self.view.as_ref().is_none_or(SavedView::is_valid) {
             return Err("its view is no place".into());
+        }
+        if !self.ends.is_finite() {
+            return Err("an end of its path is no place".into());
         }
         let numbers = [self.window[0], self.window[1], self.speed_mm_s, self.arc_mm];
         match numbers.iter().all(|n| n.is_finite()) && self.fov_deg.is_finite() {
@@ -405,6 +412,7 @@ mod tests {
             }],
             view: Some(Model::new(20.0).saved_view()),
             lumen: Some(SavedLumen::Organ(crate::organ::Organ::Airway)),
+            ends: SavedEnds::default(),
             case: None,
         }
     }

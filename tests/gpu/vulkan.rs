@@ -661,7 +661,7 @@ mod faults {
         let (code, said) = validated(tmp.path(), "barrier:1,write:1", &args);
         assert!(code == 1 && said.lines().last() == Some(last), "exit code {code}: {said}");
         let program = program();
-        let line = format!("({program} {} --json; echo $? > code) | true", args.join(" "));
+        let line = format!("('{program}' {} --json; echo $? > code) | true", args.join(" "));
         let ran = std::process::Command::new("sh")
             .current_dir(tmp.path())
             .args(["-c", &line])

@@ -254,3 +254,38 @@ fn notes_made_without_a_session_file_are_saved_as_one_with_their_pictures() {
         assert!(tmp.path().join(name).exists());
     }
 }
+
+/// A path that somebody had begun elsewhere was the first one again.
+#[test]
+fn ends_that_were_set_by_hand_are_those_of_the_session() {
+    if common::gpu(intima::vk::Validate::Off).is_none() {
+        return;
+    }
+    let tmp = folder();
+    let length = || notes(tmp.path())["arc_mm"].as_f64().unwrap();
+    play(
+        tmp.path(),
+        &[],
+        r#"{"wait": "complete"}, {"do": {"seek": 20}}, {"do": {"bookmark": "a"}},
+        {"do": {"seek": 1e9}}"#,
+    );
+    let whole = length();
+    let at = notes(tmp.path())["bookmarks"][0]["position_mm"].clone();
+    let begin = format!(
+        r#"{{"do": {{"start_at": {at}}}}}, {{"wait": "complete"}}, {{"do": {{"seek": 1e9}}}}"#
+    );
+    play(tmp.path(), &[], &format!(r#"{{"wait": "complete"}}, {begin}"#));
+    let shorter = length();
+    assert!((whole - 20.0 - shorter).abs() < 6.0, "{shorter} of {whole} mm");
+    play(tmp.path(), &[], r#"{"wait": "complete"}, {"do": {"seek": 1e9}}"#);
+    assert!((length() - shorter).abs() < 1e-6, "{} mm", length());
+    assert_eq!(notes(tmp.path())["ends"]["start_mm"], at);
+    // An end that is no place is refused, and the file stays.
+    let path = tmp.path().join("notes.json");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let bad = text.replace("\"start_mm\"", "\"begin_mm\"");
+    std::fs::write(&path, &bad).unwrap();
+    let said =
+        fly(tmp.path(), &["--session", "notes.json", "--script", "s.json", "--frames-out", "o"]);
+    assert!(!said.status.success() && std::fs::read_to_string(&path).unwrap() == bad);
+}

@@ -10,7 +10,7 @@ use super::super::error::AppError;
 use super::super::export;
 use super::super::kept_notes::{KeptNotes, KeptOffer};
 use super::super::model::Bookmark;
-use super::super::opening::{Opening, SavedLumen};
+use super::super::opening::{Opening, SavedEnds, SavedLumen};
 use super::super::panes::Detail;
 use super::super::saved_case::SavedCase;
 use super::super::session_file::{AddedNotes, NotesFile, SessionFile};
@@ -50,6 +50,7 @@ struct KeptState {
     /// Millimetres along the path, as bits.
     place: u64,
     lumen: Option<SavedLumen>,
+    ends: SavedEnds,
 }
 
 impl Files {
@@ -76,10 +77,15 @@ impl OpenCase {
             self.look_for_kept_notes(&identity);
             return Ok(());
         };
-        if self.is_lumen_to_restore() && notes.input == *identity {
-            let saved = notes.lumen.as_ref().expect("it is to be restored");
+        let waits = self.is_lumen_to_restore() || self.are_ends_to_restore();
+        if waits && notes.input == *identity {
             let session = self.computation.as_ref().map(|c| &*c.session);
-            let opening = Opening::of_saved(saved, session, &self.options.settings);
+            let settings = &self.options.settings;
+            let mut opening = match notes.lumen.as_ref().filter(|_| self.is_lumen_to_restore()) {
+                Some(saved) => Opening::of_saved(saved, session, settings),
+                None => Opening { source: None, settings: settings.clone(), is_same_volume: true },
+            };
+            notes.ends.put_into(&mut opening.settings.centerline);
             // The rest follows when the volume is known again.
             return self.open(gpu, opening);
         }
@@ -159,10 +165,20 @@ impl OpenCase {
         self.is_lumen_open() && waiting.is_some_and(|notes| notes.lumen.is_some())
     }
 
+    /// Whether the session file says where the path ends, of the lumen that there is, and nothing else
+    /// does.
+    fn are_ends_to_restore(&self) -> bool {
+        let (c, lumen) = (&self.options.settings.centerline, &self.options.settings.lumen);
+        let is_of_lumen =
+            |notes: &SessionFile| !notes.ends.is_none() && notes.lumen == SavedLumen::of(lumen);
+        let is_open = c.from.is_none() && c.to.is_none();
+        is_open && self.files.waiting.as_ref().is_some_and(is_of_lumen)
+    }
+
     /// Takes the lumen of the session file, where frames wait for products.
     pub(super) fn restore_lumen(&mut self, gpu: &mut Gpu) -> Result<(), AppError> {
-        if let Some(computation) = self.computation.as_ref().filter(|_| self.is_lumen_to_restore())
-        {
+        let waits = self.is_lumen_to_restore() || self.are_ends_to_restore();
+        if let Some(computation) = self.computation.as_ref().filter(|_| waits) {
             const KNOWN: [Product; 3] = [Product::Volume, Product::ValueRange, Product::Identity];
             computation.session.prepare(&KNOWN)?;
             self.show(gpu, &KNOWN)?;
@@ -447,6 +463,7 @@ impl OpenCase {
             version: self.model.notes_version(),
             place: before.map_or(here, |(kept, _)| kept.place),
             lumen: SavedLumen::of(&self.options.settings.lumen),
+            ends: SavedEnds::of(&self.options.settings.centerline),
         }
     }
 
@@ -458,6 +475,7 @@ impl OpenCase {
         let source = self.options.source.as_ref().filter(|_| self.computation.is_some());
         let lumen = SavedLumen::of(&self.options.settings.lumen);
         let case = source.and_then(|source| SavedCase::of(source, folder));
-        Some(SessionFile { lumen, case, ..file })
+        let ends = SavedEnds::of(&self.options.settings.centerline);
+        Some(SessionFile { lumen, ends, case, ..file })
     }
 }
