@@ -70,7 +70,7 @@ fn built_tests() -> Result<PathBuf, TaskError> {
 /// Path of the last program that cargo says it built.
 fn program_of(messages: &str) -> Option<PathBuf> {
     let of = |line: &str| Some(line.split("\"executable\":\"").nth(1)?.split('"').next()?.into());
-    messages.lines().filter_map(of).last()
+    messages.lines().rev().find_map(of)
 }
 
 /// Copies the files of a folder and of those in it.
