@@ -11,6 +11,8 @@ const ROW: f32 = 26.0;
 /// Width of the controls of the flight, and of a slice, in one row, points.
 const TRANSPORT: f32 = 510.0;
 const PRESETS: f32 = 620.0;
+/// Width of the controls of a slice with the names of the planes, points.
+const PRESETS_OF_PAIR: f32 = 900.0;
 /// Most rows.
 const MAX_ROWS: f32 = 4.0;
 /// Least width of two columns; the inside view alone has less.
@@ -50,7 +52,7 @@ pub(super) fn places(
         (Some(Pane::Overview), _) => {
             Places { panes: vec![(Pane::Overview, whole)], ..Places::default() }
         }
-        (Some(slice), _) => with_presets(whole, slice),
+        (Some(slice), _) => with_presets(whole, slice, PRESETS),
         (None, PaneLayout::Reading) => {
             let [left, right] = columns(whole);
             let is_wide = whole.width() >= TWO_COLUMNS;
@@ -110,7 +112,7 @@ impl Half {
         let edge = panes.min.y + (INSIDE_OF_PAIR * panes.height()).round();
         let upper = Rect::from_min_max(panes.min, pos2(panes.max.x, edge - GAP));
         let lower = Rect::from_min_max(pos2(panes.min.x, edge), panes.max);
-        let (mut all, slice) = (with_inset(upper), with_presets(lower, large));
+        let (mut all, slice) = (with_inset(upper), with_presets(lower, large, PRESETS_OF_PAIR));
         all.panes.extend(slice.panes);
         Places { presets: slice.presets, ..all }
     }
@@ -138,9 +140,9 @@ fn with_transport(place: Rect) -> Places {
     Places { panes: vec![(Pane::Inside, inside)], transport: controls, presets: None }
 }
 
-/// A slice with its controls below.
-fn with_presets(place: Rect, slice: Pane) -> Places {
-    let (slice_place, controls) = above_controls(place, PRESETS);
+/// A slice with its controls below, which take so much width in one row.
+fn with_presets(place: Rect, slice: Pane, width: f32) -> Places {
+    let (slice_place, controls) = above_controls(place, width);
     Places { panes: vec![(slice, slice_place)], transport: None, presets: controls }
 }
 
@@ -159,7 +161,8 @@ fn above_controls(place: Rect, width: f32) -> (Rect, Option<Rect>) {
 fn large_slice(place: Rect, large: Pane) -> Places {
     let strip = (FILMSTRIP * place.height()).round();
     let edge = place.max.y - strip;
-    let mut all = with_presets(Rect::from_min_max(place.min, pos2(place.max.x, edge - GAP)), large);
+    let upper = Rect::from_min_max(place.min, pos2(place.max.x, edge - GAP));
+    let mut all = with_presets(upper, large, PRESETS);
     let others: Vec<Pane> = Pane::SLICES.into_iter().filter(|p| *p != large).collect();
     let width = place.width() / others.len() as f32;
     for (i, pane) in others.into_iter().enumerate() {

@@ -57,7 +57,10 @@ pub(super) fn show_pane(
                 overview_input(ui, &response, &camera, model, commands);
                 missed_mark(&painter, model, false, |place| camera.in_pane(place));
                 measurements(&painter, model, |place| camera.in_pane(place));
-                orientation_marker(&painter, rect, camera.rotation());
+                // It would hide a small organ.
+                if rect.size().min_elem() >= MARKED_INSET {
+                    orientation_marker(&painter, rect, camera.rotation());
+                }
                 zoom_mark(&painter, rect, model);
             }
         }
@@ -165,6 +168,9 @@ const WHEEL_MM: f64 = 5.0;
 
 /// Shorter side of a pane from which on the patient's axes have their full size, points.
 const MARKED_PANE: f32 = 330.0;
+
+/// Shorter side of an overview from which on the axes are shown in it, points.
+const MARKED_INSET: f32 = 150.0;
 
 /// The patient's axes as the eye sees them.
 fn orientation_marker(painter: &egui::Painter, rect: Rect, rotation: glam::DQuat) {

@@ -119,8 +119,11 @@ fn open_beside(ui: &mut Ui, model: &Model, dialogs: &mut Dialogs, commands: &mut
 
 /// Controls of two cases beside each other.
 pub(super) fn pair_controls(ui: &mut Ui, pair: PairState, commands: &mut ActionQueue) {
-    let find = ui.button("find in the other");
-    if find.on_hover_text("Flies the other eye to the same share of its path (F)").clicked() {
+    let find = ui.button("find there");
+    if find
+        .on_hover_text("Finds this place in the other case, by the share of its path (F)")
+        .clicked()
+    {
         commands.ask(Request::FindInOther);
     }
     let tip = "Both eyes move together along their paths (L)";

@@ -175,10 +175,19 @@ fn open_dropped(ui: &Ui, cases: &mut [CaseUi<'_>], pair: PairState) {
     }
 }
 
+/// A name that leaves room beside it.
+fn shortened(name: &str) -> String {
+    const MOST: usize = 24;
+    match name.chars().count() > MOST {
+        true => name.chars().take(MOST - 1).chain(['…']).collect(),
+        false => name.to_owned(),
+    }
+}
+
 /// One of two cases: its name, its panes and its scrub bar.
 fn half_of_pair(ui: &mut Ui, half: Half, cases: &mut [CaseUi<'_>], i: usize, pair: PairState) {
     let is_active = i == pair.active;
-    let name = cases[i].name.clone();
+    let name = shortened(&cases[i].name);
     row(ui, half.controls, |ui| {
         let commands = &mut cases[i].commands;
         if ui.selectable_label(is_active, name).on_hover_text("Keys and panels (F6)").clicked() {

@@ -655,11 +655,15 @@ mod faults {
         assert_eq!(said.contains("software Vulkan"), !gpu.info().is_real(), "{said}");
         let (code, said) = validated(tmp.path(), "barrier:1", &args);
         assert!(code == 1 && said.contains("SYNC-HAZARD"), "exit code {code}: {said}");
-        let last = said.lines().last().unwrap();
-        assert!(last.starts_with("intima: failed: ") && last.contains("validation"), "{said}");
+        // How many messages depends on the pieces of the plan.
+        let ends_so = |said: &str| {
+            let last = said.lines().last().unwrap_or_default();
+            last.starts_with("intima: failed: ") && last.contains("validation")
+        };
+        assert!(ends_so(&said), "{said}");
         // Nor does a message pass where nobody reads the answer, or with another error.
         let (code, said) = validated(tmp.path(), "barrier:1,write:1", &args);
-        assert!(code == 1 && said.lines().last() == Some(last), "exit code {code}: {said}");
+        assert!(code == 1 && ends_so(&said), "exit code {code}: {said}");
         let program = program();
         let line = format!("('{program}' {} --json; echo $? > code) | true", args.join(" "));
         let ran = std::process::Command::new("sh")
