@@ -177,9 +177,9 @@ fn open_dropped(ui: &Ui, cases: &mut [CaseUi<'_>], pair: PairState) {
 
 /// A name that leaves room beside it.
 fn shortened(name: &str) -> String {
-    const MOST: usize = 24;
-    match name.chars().count() > MOST {
-        true => name.chars().take(MOST - 1).chain(['…']).collect(),
+    const MAX_CHARS: usize = 24;
+    match name.chars().count() > MAX_CHARS {
+        true => name.chars().take(MAX_CHARS - 1).chain(['…']).collect(),
         false => name.to_owned(),
     }
 }
