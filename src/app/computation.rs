@@ -127,7 +127,7 @@ impl Computation {
         self.join();
     }
 
-    /// Returns what is at work and how far it has come; `None` where nothing that takes time is.
+    /// Returns the work in progress and its share that is done; `None` where no task takes time.
     pub fn status(&self, is_computing: bool) -> Option<WorkStatus> {
         let saves = self.runs(TaskKind::SavedFlight);
         if !is_computing && !saves {

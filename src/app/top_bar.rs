@@ -103,7 +103,7 @@ fn dialog_buttons(ui: &mut Ui, dialogs: &mut Dialogs, is_beside: bool) {
     }
 }
 
-/// What is opened beside the case that is open: the other position of the patient, or another date.
+/// Ways to open a second case beside the first: the other position of the patient, or another date.
 fn open_beside(ui: &mut Ui, model: &Model, dialogs: &mut Dialogs, commands: &mut ActionQueue) {
     ui.menu_button("Beside this one", |ui| {
         dialog_buttons(ui, dialogs, true);

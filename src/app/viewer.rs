@@ -190,7 +190,7 @@ impl Viewer {
             self.active().export_window(size, &picture);
         }
         self.canvas.draw(gpu, target, (primitives, scale), pane, send)?;
-        // What comes after it.
+        // The work that was asked for, and the time of the next frame.
         let delay = output
             .viewport_output
             .get(&ViewportId::ROOT)

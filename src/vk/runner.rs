@@ -361,9 +361,9 @@ impl Gpu {
     }
 
     /// Adds the durations of a piece's segments to those of their launches. Rates follow from the
-    /// duration of the piece where there are no timestamps or these are too short to be true: portable
-    /// drivers give equal ones within a command buffer (MoltenVK issues 2150 and 2235), and pieces would
-    /// grow without a bound.
+    /// duration of the whole piece if the queue has no timestamps, or if the timestamps add up to less
+    /// than half of the piece: portable drivers write equal timestamps within a command buffer (MoltenVK
+    /// issues 2150 and 2235), and pieces would grow without a bound.
     fn measure(
         &mut self,
         plan: &Plan<'_>,

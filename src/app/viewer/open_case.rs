@@ -60,7 +60,7 @@ pub struct OpenCase {
     /// Number of products of [`SHOWN`] that a script has taken in.
     shown_count: usize,
     recorder: Option<CoverageRecorder>,
-    /// Whether frames are drawn with what is there, or wait for what was asked for.
+    /// Whether a frame is drawn with the products that are there, or waits for the products that it shows.
     pub(super) detail: Detail,
     samples: u32,
     /// Files of the notes.
@@ -155,7 +155,7 @@ impl OpenCase {
         let settings = with_branches(settings);
         match (&mut self.computation, source) {
             (Some(computation), source) => {
-                // What is computed for nobody ends first.
+                // Tasks of the lumen before end first: nobody waits for their products.
                 computation.stop();
                 let session = Arc::get_mut(&mut computation.session);
                 let session = session.expect("tasks that held it have ended");
@@ -305,7 +305,7 @@ impl OpenCase {
         self.computation.as_ref().is_some_and(|c| c.runs(TaskKind::SavedFlight))
     }
 
-    /// Returns what is at work and how far it has come.
+    /// Returns the work in progress and its share that is done.
     fn status(&self) -> Option<WorkStatus> {
         let computation = self.computation.as_ref()?;
         match self.detail {
@@ -319,7 +319,7 @@ impl OpenCase {
         }
     }
 
-    /// What the panels show of it.
+    /// Returns the case as the panels show it.
     ///
     /// * `commands`: of a script, before those of the panels.
     pub fn shown(&mut self, commands: ActionQueue) -> CaseUi<'_> {
@@ -513,7 +513,8 @@ impl OpenCase {
     }
 }
 
-/// Number of a window: that of the moment. Scripts have one.
+/// Returns a number for a window: the present time, mixed with the number of the process. All scripts
+/// have the number 0.
 fn window_number(detail: Detail) -> u64 {
     let now = || SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_nanos() as u64);
     if detail == Detail::Live { now() ^ u64::from(std::process::id()).rotate_left(32) } else { 0 }

@@ -35,7 +35,7 @@ impl Pair {
         Self { active, link: None }
     }
 
-    /// What the panels show.
+    /// Returns the active case and the link, for the panels.
     pub fn state(&self) -> PairState {
         PairState { active: self.active, is_linked: self.link.is_some() }
     }
