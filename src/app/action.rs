@@ -274,6 +274,8 @@ pub enum Action {
     /// Shows a noted place in the plane of its largest diameter, large, with the window of lungs if the
     /// volume is a CT, and with the ruler ready.
     MeasureInSlice(usize),
+    /// Measures the largest diameter of a finding on the wall, as the program finds it.
+    MeasureFinding(usize),
     /// Changes a field of a finding.
     EditFinding(usize, FindingEdit),
     /// Moves the eye to the noted place after the selected one.

@@ -19,12 +19,12 @@ const VIRIDIS: [[u8; 3]; 9] = [
 ];
 
 /// Colour of wall where the scan shows none, sRGB.
-pub const NO_WALL: [u8; 3] = [205, 50, 190];
+pub const NO_WALL: [u8; 3] = [184, 11, 136];
 /// Colour of wall drawn on a thin sheet, sRGB.
-pub const SHEET: [u8; 3] = [235, 190, 60];
+pub const SHEET: [u8; 3] = [244, 238, 60];
 
 /// Colour of the surface of a pool of fluid, sRGB.
-pub const LEVEL: [u8; 3] = [60, 150, 220];
+pub const LEVEL: [u8; 3] = [62, 119, 248];
 
 /// Marks the vertices where the scan shows no wall, a thin sheet, or the surface of a pool of fluid.
 pub fn evidence_colours(evidence: &[Evidence]) -> Vec<[u8; 4]> {

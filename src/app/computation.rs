@@ -18,6 +18,8 @@ pub(super) enum TaskKind {
     Products,
     /// Plans the flight along a branch.
     Branch,
+    /// Computes the coverage of a flight along a branch.
+    Coverage,
     /// Prepares the tissue behind the wall.
     Behind,
     /// Draws and writes the flight.
@@ -32,6 +34,7 @@ impl TaskKind {
             Self::Glance => "glance",
             Self::Products => "products",
             Self::Branch => "flight",
+            Self::Coverage => "coverage",
             Self::Behind => "behind",
             Self::SavedFlight => "export",
             Self::Report => "report",

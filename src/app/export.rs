@@ -213,6 +213,7 @@ mod tests {
             segment: None,
             shape: None,
             confidence: None,
+            in_flight: false,
         }
     }
 

@@ -151,14 +151,9 @@ fn of_wall(model: &Model) -> impl Iterator<Item = Figure> {
             about: "Share of the wall's area that the inside view has shown since it was opened.",
         });
     }
-    if let Some(c) = &model.products.coverage {
-        let name = match model.flies_planned_path() {
-            true => "Flight sees, one way",
-            // Not the branch that is flown now.
-            false => "First path sees, one way",
-        };
+    if let Some(c) = &model.coverage {
         out.push(Figure {
-            name,
+            name: "Flight sees, one way",
             value: percent(c.one_way_fraction),
             about: "Share of the wall's area that the flight along the path shows.",
         });

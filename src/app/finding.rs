@@ -86,6 +86,8 @@ pub enum FindingEdit {
     Shape(Option<LesionShape>),
     /// Confidence of the reader; `None` where nothing is said.
     Confidence(Option<Confidence>),
+    /// Whether the flight looks at it in passing.
+    InFlight(bool),
 }
 
 /// Farthest place from a finding's wall whose measurement is taken for one of the finding, mm.

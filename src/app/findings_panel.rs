@@ -119,6 +119,11 @@ fn said(ui: &mut Ui, model: &Model, i: usize, finding: &Bookmark, commands: &mut
             edit(FindingEdit::Confidence(confidence));
         }
     });
+    let mut looks = finding.in_flight;
+    let tip = "The flight turns to it in passing, here and in the saved flight";
+    if ui.checkbox(&mut looks, "Seen in the flight").on_hover_text(tip).changed() {
+        edit(FindingEdit::InFlight(looks));
+    }
     if let Some(mean) = mean_value(model, finding) {
         let tip = "Mean value of the tissue within 3 mm of the middle of the largest diameter, or of \
                    the wall looked at";
@@ -135,6 +140,14 @@ fn said(ui: &mut Ui, model: &Model, i: usize, finding: &Bookmark, commands: &mut
         if measure.on_hover_text("Its diameter, on the wall or in a slice (M)").clicked() {
             commands.act(Action::Measure((!on).then_some(Ruler::Length)));
         }
+        let find = ui.add_enabled(finding.wall_mm.is_some(), egui::Button::new("Find diameter"));
+        let tip = "The largest diameter of what stands out of the wall in the middle of the view; its \
+                   ends can be dragged";
+        if find.on_hover_text(tip).clicked() {
+            commands.act(Action::MeasureFinding(i));
+        }
+    });
+    ui.horizontal(|ui| {
         let tip = "Its largest diameter in the large slice: in the plane of the length on the wall, with \
                    the window of lungs and the ruler ready";
         let can = middle(model, finding).is_some();

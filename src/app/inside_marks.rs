@@ -10,12 +10,8 @@ use super::colouring::{LEVEL, NO_WALL, SHEET, scale_colour};
 use super::inside_pane::{in_pane, ray_at, taken_parts};
 use super::labels::Labels;
 use super::model::Model;
-use super::style::{ACCENT, CAMERA, SHADOW, TEXT};
+use super::style::{ACCENT, CAMERA, MEASURE, MISSED, SHADOW, TEXT};
 use crate::render::cube_areas;
-
-/// Colour of the mark of a missed patch: that of wall that no picture has shown.
-pub(super) const MISSED: Color32 = Color32::from_rgb(80, 200, 255);
-pub(super) const MEASURE: Color32 = Color32::from_rgb(120, 200, 255);
 
 /// Text with a shadow, so that it can be read on any wall.
 pub(super) fn shadowed(
@@ -163,7 +159,7 @@ pub(super) fn missed_mark(
         painter.circle_stroke(at, 5.0, stroke);
         if is_named {
             let text = format!("missed, {:.0} mm²", missed.area_mm2);
-            shadowed(painter, at + vec2(9.0, 0.0), Align2::LEFT_CENTER, &text, 12.0, MISSED);
+            shadowed(painter, at + vec2(9.0, 0.0), Align2::LEFT_CENTER, &text, 12.0, TEXT);
         }
     }
 }

@@ -32,6 +32,7 @@ mod measure;
 mod missed_panel;
 mod model;
 mod opening;
+mod notice;
 mod overview_pane;
 #[cfg(test)]
 mod panel_tests;

@@ -4,6 +4,7 @@
 mod beside;
 mod cine;
 mod history;
+mod missed;
 mod moves;
 mod notes;
 mod outcome;
@@ -12,7 +13,7 @@ mod route;
 mod sliced;
 mod speedometer;
 
-pub use notes::MissedMark;
+pub use missed::MissedMark;
 pub use restored::{SavedEye, SavedView};
 pub use route::WayTo;
 #[cfg(test)]
@@ -34,7 +35,7 @@ use super::junctions::{BranchChoice, choices};
 use super::kept_notes::{KeptOffer, RecentCase};
 use super::measure::Measurement;
 use crate::flight::CrossSection;
-use crate::flight::{Flight, FlightPath, NoSection, SectionFigures};
+use crate::flight::{Coverage, Flight, FlightPath, NoSection, SectionFigures};
 use crate::formats::InputInfo;
 use crate::geometry::Pose;
 use crate::organ::{ColonEnds, Glance, Organ};
@@ -81,6 +82,9 @@ pub struct Bookmark {
     /// Confidence of the reader.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub confidence: Option<Confidence>,
+    /// Whether the flight looks at it in passing.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub in_flight: bool,
 }
 
 impl Bookmark {
@@ -162,6 +166,12 @@ pub struct Model {
     saved_version: u64,
     /// Notes as they were before the changes that can be taken back.
     history: History,
+    /// Coverage of the path that is flown, once it is known.
+    pub coverage: Option<Arc<Coverage>>,
+    /// The flight along a branch, where that is flown.
+    branch_flight: Option<Arc<Flight>>,
+    /// Whether the coverage of that flight is still to be computed.
+    is_uncovered: bool,
     /// Faces of the missed patches, each with its patch and its area, mm².
     missed_faces: Vec<(u32, u32, f32)>,
     /// Missed patch that was asked for last.
@@ -362,8 +372,8 @@ impl Model {
         if let Some(lumen) = self.products.lumen.as_ref().filter(|_| lumen_came) {
             self.lumen_side_mm = sliced::longest_side_mm(&lumen.lumen);
         }
-        if coverage_came {
-            self.missed_faces = self.faces_of_patches();
+        if coverage_came && (self.is_planned_path || self.path.is_none()) {
+            self.set_coverage(self.products.coverage.clone());
         }
         if wall_came {
             self.wall_bounds = self.products.wall.as_ref().and_then(|w| w.mesh.bounds());
@@ -392,20 +402,17 @@ impl Model {
     /// Takes another flight along the same centerline, with its sections; the eye keeps its place.
     pub fn take_branch(
         &mut self,
-        flight: &Flight,
+        flight: Flight,
         sections: &[Option<SectionFigures>],
         route: FlightRoute,
     ) {
         self.is_planned_path = false;
-        self.set_path(flight, route);
+        self.set_path(&flight, route);
         self.set_sections(sections);
+        self.set_coverage(None);
+        (self.branch_flight, self.is_uncovered) = (Some(Arc::new(flight)), true);
         self.restore_eye();
         self.go_on_along(route);
-    }
-
-    /// Whether the path is the flight of the session's settings, and no branch that was taken since.
-    pub fn flies_planned_path(&self) -> bool {
-        self.is_planned_path
     }
 
     /// Begins at a place on the path, at once or when there is one.
@@ -610,6 +617,7 @@ impl Model {
             Action::RemoveBookmark(i) if *i < self.bookmarks.len() => self.remove_bookmark(*i),
             Action::SelectFinding(i) => self.selected = i.filter(|i| *i < self.bookmarks.len()),
             Action::MeasureInSlice(i) => self.measure_in_slice(*i),
+            Action::MeasureFinding(i) => self.measure_finding(*i),
             Action::EditFinding(i, edit) => self.edit_finding(*i, edit),
             Action::NextFinding => self.go_to_finding_beside(1),
             Action::PreviousFinding => self.go_to_finding_beside(-1),

@@ -13,7 +13,7 @@ use super::lumen_panel::lumen_question;
 use super::model::Model;
 use super::overview_pane::{OverviewCamera, overview_input, zoom_mark};
 use super::slice_pane::{SliceViews, show_slice};
-use super::style::{FAINT, TEXT, WRONG, pinch, wheel_notches};
+use super::style::{FAINT, TEXT, WRONG, pinch, wheel_notches, wheel_sideways};
 
 /// Returns the next step for a user after a failure.
 fn what_next(model: &Model) -> &'static str {
@@ -151,6 +151,13 @@ fn inside_input(
     }
     if response.hovered() {
         let (notches, pinch) = (wheel_notches(ui), pinch(ui));
+        let sideways = wheel_sideways(ui);
+        if sideways != 0.0 {
+            // As a drag does.
+            let half = (0.5 * model.fov_deg.to_radians()).tan();
+            let angle = sideways * 2.0 * half / rect.height().max(1.0);
+            commands.act(Action::Turn([angle, 0.0, 0.0]));
+        }
         if pinch != 1.0 {
             commands.act(Action::FieldOfView(model.fov_deg / pinch as f32));
         } else if notches != 0.0 {

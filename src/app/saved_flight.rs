@@ -2,11 +2,14 @@
 //! it or nothing.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
+use super::notice::notice_stamp;
+use crate::flight::Flight;
 use crate::formats::{FormatError, VideoWriter, shown};
-use crate::session::{Recording, Session, SessionError, is_frame_file};
+use crate::session::{FlightRoute, Recording, Session, SessionError, is_frame_file};
 
-/// Draws the flight of a session into a new folder `STEM-1`, `STEM-2`, … and a video of that name;
+/// Draws a flight, the session's if `None`, into a new folder `STEM-1`, `STEM-2`, … and a video of that name;
 /// returns where it is. Where it does not end, nothing is left of it, and flights that were
 /// saved before stay.
 ///
@@ -15,11 +18,13 @@ use crate::session::{Recording, Session, SessionError, is_frame_file};
 pub(super) fn save_flight(
     session: &Session,
     (folder, stem): (&Path, &str),
+    flight: Option<(FlightRoute, Arc<Flight>)>,
     fps: f64,
 ) -> Result<String, SessionError> {
     let (frames, path) = new_folder(folder, stem)?;
     let video = VideoWriter::available().then(|| (path.clone(), fps));
-    let to = Recording { frames: frames.clone(), video, ..Recording::default() };
+    let stamp = Some(notice_stamp(session.settings().flight.size));
+    let to = Recording { frames: frames.clone(), video, flight, stamp, ..Recording::default() };
     let recorded = session.record(&to);
     let count = match recorded {
         Ok(stream) => stream.report().count,
@@ -70,11 +75,11 @@ fn remove_frames(folder: &Path) {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
     use std::time::Duration;
 
     use super::*;
     use crate::flight::Frames;
+    use crate::formats::read_png;
     use crate::session::{Settings, Source, VolumeSource};
     use crate::volume::phantom::{Kind, Phantom};
 
@@ -101,7 +106,7 @@ mod tests {
         }
         let tmp = tempfile::tempdir().unwrap();
         let session = session();
-        let said = save_flight(&session, (tmp.path(), "flight"), 25.0).unwrap();
+        let said = save_flight(&session, (tmp.path(), "flight"), None, 25.0).unwrap();
         let first = tmp.path().join("flight-1");
         assert!(said.contains("100 frames") && said.contains(&*first.to_string_lossy()), "{said}");
         let names = || -> Vec<String> {
@@ -114,7 +119,7 @@ mod tests {
         let before = names();
         let cancel = session.cancel_token();
         let stopped = std::thread::scope(|scope| {
-            let saving = scope.spawn(|| save_flight(&session, (tmp.path(), "flight"), 25.0));
+            let saving = scope.spawn(|| save_flight(&session, (tmp.path(), "flight"), None, 25.0));
             // Once some frames are drawn.
             while !saving.is_finished()
                 && session.progress().frames.is_none_or(|(done, _)| done < 3)
@@ -127,9 +132,20 @@ mod tests {
         assert!(matches!(stopped, Err(SessionError::Cancelled)), "{stopped:?}");
         assert_eq!(names(), before);
         assert_eq!(std::fs::read_dir(&first).unwrap().count(), 100);
-        // What was stopped can be asked for again.
+        // What was stopped can be asked for again; of another flight as well.
         cancel.reset();
-        save_flight(&session, (tmp.path(), "flight"), 25.0).unwrap();
-        assert_eq!(std::fs::read_dir(tmp.path().join("flight-2")).unwrap().count(), 100);
+        let mut other = (*session.flight().unwrap()).clone();
+        other.poses.truncate(10);
+        let other = Some((FlightRoute::Trunk, Arc::new(other)));
+        save_flight(&session, (tmp.path(), "flight"), other, 25.0).unwrap();
+        let second = tmp.path().join("flight-2");
+        assert_eq!(std::fs::read_dir(&second).unwrap().count(), 10);
+        // The notice is in the picture, and nothing else is changed.
+        let (width, height, rgb) = read_png(&second.join("frame_00001.png")).unwrap();
+        let drawn = session.frames().unwrap().next_frame().unwrap().unwrap();
+        let stamp = notice_stamp([width, height]);
+        let stamped = 3 * (width * (height - stamp.size[1])) as usize;
+        assert_eq!(rgb[..stamped], drawn.rgb[..stamped]);
+        assert_ne!(rgb[stamped..], drawn.rgb[stamped..]);
     }
 }

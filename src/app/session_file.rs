@@ -396,6 +396,7 @@ mod tests {
                 segment: Some("sigmoid".into()),
                 shape: Some(LesionShape::Flat),
                 confidence: Some(Confidence::High),
+                in_flight: true,
             }],
             window: [40.0, 400.0],
             speed_mm_s: 20.0,

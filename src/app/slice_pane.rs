@@ -9,7 +9,7 @@ use super::inside_marks::{mark_under, measurements, missed_mark};
 use super::labels::Labels;
 use super::model::Model;
 use super::slices::{Slab, SlicePlane, nearest_inside, slice, slice_step_mm, value_at};
-use super::style::{CAMERA, TEXT, pinch, pixels, wheel_notches};
+use super::style::{CAMERA, TEXT, pinch, pixels, wheel_notches, wheel_sideways};
 use super::wall_outline::draw_wall_outline;
 use crate::volume::Volume;
 
@@ -142,7 +142,7 @@ pub(super) fn show_slice(
     let under = response.hover_pos().map(|p| shown.place(p));
     slice_marks(&painter, &shown, model, under);
     pointer_input(ui, response, &shown, model, views, commands);
-    wheel_input(ui, response, &shown, model, commands);
+    wheel_input(ui, response, &shown, model, views, commands);
 }
 
 /// A slice where it is on the screen.
@@ -254,15 +254,18 @@ fn pointer_input(
     }
 }
 
-/// Takes zoom and the next slice from the wheel.
+/// Takes zoom, the next slice and a shift to the side from the wheel.
 fn wheel_input(
     ui: &Ui,
     response: &Response,
     shown: &ShownSlice,
     model: &Model,
+    views: &mut SliceViews,
     commands: &mut ActionQueue,
 ) {
     let Some(volume) = model.volume().filter(|_| response.hovered()) else { return };
+    let sideways = f64::from(wheel_sideways(ui)) * shown.scale;
+    views.pan_mm[shown.index()] += shown.plane.right * sideways * shown.plane.mm_per_px;
     let (notches, plane) = (wheel_notches(ui), &shown.plane);
     let is_zoom = ui.input(|i| i.modifiers.ctrl);
     let zoom = pinch(ui) * if is_zoom { 0.9f64.powf(-notches) } else { 1.0 };

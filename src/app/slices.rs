@@ -144,7 +144,7 @@ pub fn value_at(volume: &Volume, p_mm: DVec3) -> Option<f64> {
 }
 
 /// Colour of the lumen's outline.
-pub(super) const OUTLINE: [u8; 3] = [90, 210, 140];
+pub(super) const OUTLINE: [u8; 3] = [77, 234, 172];
 /// Colour of what lies outside the volume.
 const OUTSIDE: [u8; 3] = [12, 12, 14];
 

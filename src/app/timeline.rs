@@ -3,10 +3,9 @@
 use egui::{Align2, Color32, FontId, Pos2, Rect, Sense, Stroke, Ui, Vec2, pos2, vec2};
 
 use super::action::{Action, ActionQueue};
-use super::inside_marks::MISSED;
 use super::labels::Labels;
 use super::model::Model;
-use super::style::{ACCENT, CAMERA, FAINT};
+use super::style::{ACCENT, CAMERA, CUT, FAINT, MISSED, wheel_notches, wheel_sideways};
 use crate::flight::FlightPath;
 use crate::organ::ColonEnds;
 
@@ -90,7 +89,7 @@ pub(super) fn timeline(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
         let left = plot.left() + i as f32;
         let h = (last / most) as f32 * plot.height();
         let flown = left + 0.5 <= x(model.arc_mm);
-        let colour = if flown { ACCENT } else { Color32::from_rgb(70, 90, 84) };
+        let colour = if flown { ACCENT.gamma_multiply(0.6) } else { Color32::from_rgb(70, 90, 84) };
         // Bars that meet in a corner leave no stripe at any scale of the screen.
         let top = pos2(left, plot.bottom() - h);
         bars.colored_vertex(top, colour);
@@ -116,7 +115,7 @@ pub(super) fn timeline(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
     painter.add(egui::Shape::line(outline, Stroke::new(1.0, FAINT)));
     for cut in path.cuts_mm() {
         let line = [pos2(x(cut), plot.top()), pos2(x(cut), plot.bottom())];
-        painter.line_segment(line, Stroke::new(2.0, Color32::from_rgb(255, 120, 110)));
+        painter.line_segment(line, Stroke::new(2.0, CUT));
     }
     for choice in &model.choices {
         triangle(&painter, pos2(x(choice.arc_mm), plot.bottom()), FAINT);
@@ -145,6 +144,11 @@ pub(super) fn timeline(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
             break;
         }
     }
+    let turned = wheel_notches(ui) as f32 * 50.0 - wheel_sideways(ui);
+    if response.hovered() && turned != 0.0 {
+        let way = f64::from(-turned / bar.width()) * length;
+        commands.act(Action::Travel(way));
+    }
     let response = response.on_hover_text(about(path));
     if let Some(p) = response.interact_pointer_pos() {
         let arc = f64::from((p.x - bar.left()) / bar.width()) * length;
@@ -168,7 +172,8 @@ mod tests {
     fn wide_places_stay_in_the_plot_where_most_poses_are_of_narrow_ones() {
         let (mut model, session) = flown_model(Kind::Colon, |_| {});
         let flight = session.flight().unwrap();
-        model.take_branch(&flight, &session.sections().unwrap(), model.route);
+        let sections = session.sections().unwrap();
+        model.take_branch(flight.as_ref().clone(), &sections, model.route);
         let path = model.path.as_ref().unwrap();
         let radii = path.sections.iter().flatten();
         let radii: Vec<f64> = radii.map(|s| (s.area_mm2 / std::f64::consts::PI).sqrt()).collect();

@@ -146,7 +146,7 @@ struct ReadingStep {
 fn steps(model: &Model) -> [ReadingStep; 4] {
     let no_scan = model.volume().is_none().then_some("Open a scan first.");
     let no_path = model.path.is_none().then_some("There is no path through an organ yet.");
-    let no_coverage = model.products.coverage.is_none();
+    let no_coverage = model.coverage.is_none();
     let no_coverage = no_coverage.then_some("The coverage of the flight is not computed yet.");
     [
         ReadingStep { name: "2 Organ", tab: Tab::Lumen, missing: no_scan },

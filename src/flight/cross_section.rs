@@ -22,13 +22,13 @@ pub struct CrossSection {
 }
 
 /// An edge of the mesh by its vertices, the lower one first.
-type FaceEdge = (u32, u32);
+pub(super) type FaceEdge = (u32, u32);
 
 /// A piece of outline across one face, from the edge where it enters to the edge where it leaves.
-struct OutlineSegment {
-    from: FaceEdge,
-    to: FaceEdge,
-    start: DVec2,
+pub(super) struct OutlineSegment {
+    pub from: FaceEdge,
+    pub to: FaceEdge,
+    pub start: DVec2,
 }
 
 /// A closed outline in the plane.
@@ -113,7 +113,7 @@ pub fn cross_section(
 
 /// Returns the segments in which the plane cuts the faces that come within `reach` of the point, each
 /// with the inside on the same side, and some of those beyond.
-fn pieces(
+pub(super) fn pieces(
     wall: &Mesh,
     tree: &TriangleBvh,
     at: DVec3,

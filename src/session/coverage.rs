@@ -9,23 +9,39 @@ use super::settings::FlightRoute;
 use super::{Clock, Session, SessionError, present};
 use crate::flight::{Coverage, CoverageMap, Flight, LISTED_FROM_MM2, coverage, unseen_voxels};
 use crate::geometry::{Lens, Pose, cube_faces};
+use crate::task::catch_cancelled;
 
 impl Session {
     pub(super) fn run_coverage(&self, clock: &mut Clock) -> Result<Coverage, SessionError> {
         let (wall, flight) = (present(&self.slots.wall), present(&self.slots.flight));
-        let faces = wall.mesh.faces.len() as u64;
+        let (tree, exterior) = (present(&self.slots.triangle_tree), present(&self.slots.exterior));
+        let map = CoverageMap::new(&wall.mesh, &tree, exterior.grid.as_deref());
+        let seen = || self.covered(map, &flight);
+        Ok(clock.time("coverage", "faces", seen, |_| wall.mesh.faces.len() as u64))
+    }
+
+    /// Coverage by another flight than the session's; it is not kept.
+    ///
+    /// # Errors
+    /// What the stages fail with.
+    pub fn coverage_along(&self, flight: &Flight) -> Result<Coverage, SessionError> {
+        let (wall, tree, exterior) = (self.wall()?, self.triangle_tree()?, self.exterior()?);
+        let seen = || {
+            let map = CoverageMap::new(&wall.mesh, &tree, exterior.grid.as_deref());
+            catch_cancelled(|| Ok(self.covered(map, flight)))
+        };
+        self.pool.install(seen).unwrap_or(Err(SessionError::Cancelled))
+    }
+
+    fn covered(&self, map: CoverageMap<'_>, flight: &Flight) -> Coverage {
         let (there, back) = match self.settings.flight.view.is_all_round() {
-            false => (views(&flight), reversed_views(&flight)),
+            false => (views(flight), reversed_views(flight)),
             // What is behind the eye is seen on the way there already.
-            true => (all_round(&flight), Vec::new()),
+            true => (all_round(flight), Vec::new()),
         };
         let views_a_pose = there.len() / flight.poses.len().max(1);
         let arcs = flight.arc_mm.iter().flat_map(|arc| std::iter::repeat_n(*arc, views_a_pose));
-        let arcs: Vec<f64> = arcs.collect();
-        let (tree, exterior) = (present(&self.slots.triangle_tree), present(&self.slots.exterior));
-        let map = || CoverageMap::new(&wall.mesh, &tree, exterior.grid.as_deref());
-        let seen = || coverage(map(), &there, &back, &arcs);
-        Ok(clock.time("coverage", "faces", seen, |_| faces))
+        coverage(map, &there, &back, &arcs.collect::<Vec<f64>>())
     }
 
     /// Rows of `unseen.csv`: boundary voxels that the flight sees in neither direction, with the

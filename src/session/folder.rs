@@ -1,13 +1,15 @@
 //! Products, frames and report written to a folder.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use super::folder_lock::FolderLocks;
-use super::writer::{FrameWriter, clear_folder};
+use super::writer::{FrameWriter, Stamp, clear_folder};
 use super::{
-    FrameStream, Product, Report, ReportPictures, Session, SessionError, locked, written_mesh,
+    FlightRoute, FrameStream, Product, Report, ReportPictures, Session, SessionError, locked,
+    written_mesh,
 };
-use crate::flight::CameraPath;
+use crate::flight::{CameraPath, Flight};
 use crate::formats::{
     FormatError, atomic_file, to_pretty_json, write_branches, write_centerline, write_layers,
     write_wall,
@@ -46,6 +48,10 @@ pub struct Recording {
     pub frames: PathBuf,
     /// File of the video, and its frames a second.
     pub video: Option<(PathBuf, f64)>,
+    /// Flight that is drawn instead of the session's, and the route that it follows.
+    pub flight: Option<(FlightRoute, Arc<Flight>)>,
+    /// Text over each frame.
+    pub stamp: Option<Stamp>,
     /// File of the camera path.
     pub camera_path: Option<PathBuf>,
     /// Whether pictures are kept and drawn for the page of the report.
@@ -146,7 +152,7 @@ impl Session {
     }
 
     fn draw_to_files(&self, to: &Recording) -> Result<FrameStream, SessionError> {
-        let mut stream = self.frames()?;
+        let mut stream = self.frames_along(to.flight.clone())?;
         let video = to.video.as_ref().map(|(path, fps)| (path.as_path(), *fps));
         let threads = self.pool.current_num_threads();
         let size = self.settings.flight.size;
@@ -155,7 +161,8 @@ impl Session {
         let outcome = loop {
             match stream.next_frame() {
                 Ok(None) => break Ok(()),
-                Ok(Some(frame)) => {
+                Ok(Some(mut frame)) => {
+                    to.stamp.iter().for_each(|stamp| stamp.mark(frame.size, &mut frame.rgb));
                     self.progress.frames(frame.index + 1);
                     if to.pictures {
                         let count = stream.count();

@@ -7,7 +7,9 @@ use glam::Vec3;
 
 use super::levels::{LodReport, WallForm};
 use super::pictures::KeptFrames;
-use super::{Clock, FramesReport, OpenDevice, Product, Session, SessionError, locked, present};
+use super::{
+    Clock, FlightRoute, FramesReport, OpenDevice, Product, Session, SessionError, locked, present,
+};
 use crate::behind::BehindWall;
 use crate::device::{Device, DeviceError};
 use crate::flight::Flight;
@@ -106,12 +108,23 @@ impl Session {
     /// # Errors
     /// What the stages fail with; the renderer's.
     pub fn frames(&self) -> Result<FrameStream, SessionError> {
+        self.frames_along(None)
+    }
+
+    /// As [`Session::frames`], of another flight along the same centerline, with its route.
+    pub(super) fn frames_along(
+        &self,
+        other: Option<(FlightRoute, Arc<Flight>)>,
+    ) -> Result<FrameStream, SessionError> {
         self.prepare(&self.products_of_frames())?;
         // Building levels took more memory than frames do.
         return_freed_memory();
         let drawn = present(&self.slots.shown_wall);
-        let flight = self.flight()?;
         let centered = self.centerline()?;
+        let (route, flight) = match other {
+            Some(other) => other,
+            None => (self.settings.flight.route, self.flight()?),
+        };
         let display = self.display()?;
         let s = &self.settings.flight;
         let mut renderer = self.take_renderer(&display)?;
@@ -148,7 +161,7 @@ impl Session {
         let mut held = vec![inside];
         held.extend(overview.filter(|mesh| *mesh != inside));
         let mut scene = Scene { behind: tissue, ..Scene::with(inside, overview) };
-        let pieces = self.flown_pieces(&centered.line)?;
+        let pieces = self.flown_pieces(&centered.line, route)?;
         if is_overview && pieces.iter().any(|p| p.len() > 1) {
             let path = display.draw(&mut renderer, |r, gpu| r.upload_path(gpu, &pieces))?;
             scene.path = Some(path);
@@ -184,21 +197,25 @@ impl Session {
     }
 
     /// The pieces of the path in the order and direction in which they are flown.
-    pub(super) fn flown_pieces(&self, line: &Centerline) -> Result<Vec<Vec<Vec3>>, SessionError> {
+    pub(super) fn flown_pieces(
+        &self,
+        line: &Centerline,
+        route: FlightRoute,
+    ) -> Result<Vec<Vec<Vec3>>, SessionError> {
         let places = |p: &Vec<CenterlinePoint>| -> Vec<Vec3> {
             p.iter().map(|p| p.position_mm.as_vec3()).collect()
         };
-        Ok(self.route_pieces(line)?.iter().map(places).collect())
+        Ok(self.route_pieces(line, route)?.iter().map(places).collect())
     }
 
     /// The pieces of the path with their radii, in the order and direction in which they are flown.
     pub(super) fn route_pieces(
         &self,
         line: &Centerline,
+        route: FlightRoute,
     ) -> Result<Vec<Vec<CenterlinePoint>>, SessionError> {
-        let s = &self.settings.flight;
-        let mut pieces = s.route.paths(line)?;
-        if s.reverse {
+        let mut pieces = route.paths(line)?;
+        if self.settings.flight.reverse {
             pieces.reverse();
             pieces.iter_mut().for_each(|p| p.reverse());
         }

@@ -67,7 +67,7 @@ pub use settings::{
 pub use settings_check::{SettingError, check_frame_rate, check_frame_size};
 pub use stages::{Product, Products, kernels};
 pub use surface::{ShownWall, Wall, gradient_normals, smoothed_normals, written_mesh};
-pub use writer::{FrameWriter, is_frame_file};
+pub use writer::{FrameWriter, Stamp, is_frame_file};
 
 use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

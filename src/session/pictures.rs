@@ -233,7 +233,8 @@ impl Session {
         let prepared = PreparedMesh::shaded(drawn.mesh(), shaded)?;
         let coverage = locked(&self.slots.coverage).clone();
         let colours = patch_colours(&wall.mesh, coverage.as_deref());
-        let pieces = self.flown_pieces(&present(&self.slots.centerline).line)?;
+        let pieces =
+            self.flown_pieces(&present(&self.slots.centerline).line, self.settings.flight.route)?;
         let side = Framing::of_path(pieces.iter().flatten().map(|p| p.as_dvec3()));
         let frame = renderer.size();
         let size = if frame[1] >= OVERVIEW_HEIGHT { frame } else { SMALL_OVERVIEW };

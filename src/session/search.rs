@@ -69,7 +69,7 @@ impl Session {
     ) -> Result<LumenProfile, SessionError> {
         let (wall, tree) = (present(&self.slots.wall), present(&self.slots.triangle_tree));
         let centered = present(&self.slots.centerline);
-        let pieces = self.route_pieces(&centered.line)?;
+        let pieces = self.route_pieces(&centered.line, self.settings.flight.route)?;
         let start = self.start_of_route(&centered);
         let voxel_mm = present(&self.slots.lumen).lumen.grid.spacing_mm.max_element();
         let measured = || {

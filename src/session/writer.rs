@@ -39,6 +39,38 @@ pub(super) fn clear_folder(folder: &Path) -> Result<(), SessionError> {
     Ok(())
 }
 
+/// A text as pixels, over the lower left corner of a frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Stamp {
+    /// Columns and rows.
+    pub size: [u32; 2],
+    /// Opacity of the text, rows from the top.
+    pub opacity: Vec<u8>,
+}
+
+impl Stamp {
+    /// Grey of the text.
+    const TEXT: u32 = 210;
+
+    /// Marks a picture: eight bits each of red, green and blue. The ground of the text is half as
+    /// bright as the picture was. What the picture has no room for is left out.
+    pub(super) fn mark(&self, [width, height]: [u32; 2], rgb: &mut [u8]) {
+        let [columns, rows] = self.size;
+        let below = rows.saturating_sub(height) as usize;
+        let first_row = height.saturating_sub(rows) as usize;
+        let stamped = self.opacity.chunks_exact(columns.max(1) as usize).skip(below);
+        for (row, text) in rgb.chunks_exact_mut(3 * width as usize).skip(first_row).zip(stamped) {
+            for (pixel, opacity) in row.chunks_exact_mut(3).zip(text) {
+                let opacity = u32::from(*opacity);
+                for value in pixel {
+                    let ground = u32::from(*value) / 2;
+                    *value = ((ground * (255 - opacity) + Self::TEXT * opacity) / 255) as u8;
+                }
+            }
+        }
+    }
+}
+
 /// Writes frames as PNG files of a folder, and as a video where one is asked for. Encoders run on
 /// threads of the lowest priority: software devices draw on the same cores.
 pub struct FrameWriter {
@@ -134,6 +166,19 @@ impl Drop for FrameWriter {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_stamp_marks_the_lower_left_corner_and_nothing_else() {
+        let stamp = Stamp { size: [2, 1], opacity: vec![255, 0] };
+        let mut rgb = vec![100u8; 3 * 3 * 2];
+        stamp.mark([3, 2], &mut rgb);
+        assert_eq!(rgb[..9], [100; 9]);
+        assert_eq!(rgb[9..], [210, 210, 210, 50, 50, 50, 100, 100, 100]);
+        // A picture smaller than the text.
+        let mut one = vec![100u8; 3];
+        Stamp { size: [2, 2], opacity: vec![0, 0, 255, 255] }.mark([1, 1], &mut one);
+        assert_eq!(one, [210; 3]);
+    }
 
     #[test]
     fn every_frame_of_the_longest_flight_has_a_name_that_the_next_run_removes() {

@@ -8,6 +8,7 @@ mod flight;
 mod fluid_levels;
 mod graph;
 mod invariance;
+mod lesion;
 mod lod;
 mod lod_determinism;
 mod lod_rays;

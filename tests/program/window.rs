@@ -466,7 +466,8 @@ fn a_click_flies_there_along_the_path_and_another_branch_can_be_taken() {
     let old = tip(&model);
     let route = FlightRoute::Leaf(choice.branch);
     let flight = session.flight_along(route).unwrap();
-    model.take_branch(&flight, &session.sections_along(&flight).unwrap(), route);
+    let sections = session.sections_along(&flight).unwrap();
+    model.take_branch(flight, &sections, route);
     assert!(tip(&model).distance(old) > 10.0, "another end");
     let moved = model.pose.unwrap().position_mm.distance(pose.position_mm);
     assert!(moved < 1.0, "the eye stays where the ways part: {moved}");

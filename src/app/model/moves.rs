@@ -1,12 +1,17 @@
 //! Motion of the eye: along the path, to a place on it, or by hand.
 
-use glam::DVec3;
+use std::sync::Arc;
+
+use glam::{DVec3, Quat};
 
 use super::super::junctions::BranchChoice;
-use super::Model;
-use crate::flight::{Clearance, NoSection, SectionFigures, WallDistance, collide_and_slide};
-use crate::flight::{CrossSection, cross_section};
+use super::{Bookmark, Model};
+use crate::flight::{
+    Clearance, CrossSection, Flight, FlightPath, KeyedGaze, NoSection, SectionFigures,
+    WallDistance, collide_and_slide, cross_section,
+};
 use crate::geometry::{Lens, Pose};
+use crate::session::FlightRoute;
 
 /// Least speed at which the eye flies to a place that was clicked, mm/s.
 const MIN_APPROACH_MM_S: f64 = 60.0;
@@ -17,6 +22,8 @@ pub(super) const NEAR_MM: f32 = 2.0;
 /// Room that light is scaled by, in distances of the eye from the wall, where that is less than the
 /// path's: an eye off the middle of a lumen sees it lit as from there.
 const LIGHT_REACH: f64 = 1.5;
+/// A finding as far from the path, mm, is passed in any lumen.
+const MIN_BESIDE_MM: f64 = 3.0;
 /// The near plane that the eye keeps room for while it is moved by hand, mm.
 const HAND_NEAR_MM: f32 = 0.4;
 
@@ -105,9 +112,37 @@ impl Model {
     pub(super) fn seek_while(&mut self, arc_mm: f64, playing: bool) {
         let Some(path) = self.path.as_ref().filter(|_| arc_mm.is_finite()) else { return };
         self.arc_mm = arc_mm.clamp(0.0, path.length_mm());
-        let pose = path.pose_at(self.arc_mm);
+        let pose = self.pose_on_path(path, self.arc_mm);
         (self.on_path, self.playing, self.goal_mm, self.gaze_mm) = (true, playing, None, None);
         self.place(pose);
+    }
+
+    /// Returns the pose of the flight at a place of the path, with the gazes that were set.
+    fn pose_on_path(&self, path: &FlightPath, arc_mm: f64) -> Pose {
+        let pose = path.pose_at(arc_mm);
+        let keyed = self.keyed_gaze(path);
+        match keyed.is_empty() {
+            true => pose,
+            false => Pose { rotation: (pose.rotation * keyed.turn_at(arc_mm)).normalize(), ..pose },
+        }
+    }
+
+    /// Gazes at the findings that the flight looks at in passing.
+    fn keyed_gaze(&self, path: &FlightPath) -> KeyedGaze {
+        let keyed = self.bookmarks.iter().filter(|b| b.in_flight);
+        KeyedGaze::new(path, keyed.filter_map(|finding| gaze_at(path, finding)))
+    }
+
+    /// Returns the flight as it is flown, with its route and the gazes that were set.
+    pub(in super::super) fn flown_flight(&self) -> Option<(FlightRoute, Arc<Flight>)> {
+        let planned = self.products.flight.as_ref().filter(|_| self.is_planned_path);
+        let flight = planned.or(self.branch_flight.as_ref())?;
+        let keyed = self.path.as_ref().map(|path| self.keyed_gaze(path)).unwrap_or_default();
+        let flight = match keyed.is_empty() {
+            true => Arc::clone(flight),
+            false => Arc::new(keyed.turned(flight)),
+        };
+        Some((self.route, flight))
     }
 
     /// Sets out to a place on the path, from where it was left.
@@ -250,11 +285,31 @@ impl Model {
     }
 }
 
+/// Place of the path beside a finding, mm, and the camera that looks from there at the finding, level
+/// as the flight is; the camera of the noted view where no wall was seen. `None` for a finding that
+/// the path does not pass.
+fn gaze_at(path: &FlightPath, finding: &Bookmark) -> Option<(f64, Quat)> {
+    let noted = DVec3::from(finding.position_mm);
+    let arc = path.nearest_to(noted);
+    let pose = path.pose_at(arc);
+    let beside = pose.position_mm.as_dvec3().distance(noted);
+    if beside > path.radius_at(arc).max(MIN_BESIDE_MM) {
+        return None;
+    }
+    let to_wall = finding.wall_mm.map(|wall| DVec3::from(wall).as_vec3() - pose.position_mm);
+    let looking = to_wall
+        .filter(|to| to.length() > 1e-3)
+        .map(|to| Pose::looking(pose.position_mm, to, pose.up()).rotation);
+    let as_noted = || Quat::from_array(finding.rotation.map(|v| v as f32)).normalize();
+    Some((arc, looking.unwrap_or_else(as_noted)))
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::flown_model;
     use super::*;
     use crate::app::action::Action;
+    use crate::app::finding::FindingEdit;
     use crate::volume::phantom::Kind;
 
     #[test]
@@ -295,5 +350,37 @@ mod tests {
         let beside = model.light_room_mm().unwrap();
         assert!(away < 0.3 * on_path, "it is beside the wall: {away} of {on_path} mm");
         assert!((beside - LIGHT_REACH * away).abs() < 1e-9, "{beside} mm");
+    }
+
+    #[test]
+    fn the_flight_looks_at_a_finding_in_passing_and_is_saved_so() {
+        let (mut model, _session) = flown_model(Kind::Tube, |_| {});
+        let length = model.path.as_ref().unwrap().length_mm();
+        let (here, end) = (0.5 * length, length);
+        model.step(0.0, &[Action::Seek(here), Action::Turn([1.2, 0.0, 0.0])]);
+        model.step(0.0, &[Action::Bookmark("fold".into())]);
+        let wall = DVec3::from(model.bookmarks[0].wall_mm.unwrap());
+        let forward_at = |model: &mut Model, arc: f64| {
+            model.step(0.0, &[Action::Seek(arc)]);
+            model.pose.unwrap().forward()
+        };
+        let [ahead, last] = [here, end].map(|arc| forward_at(&mut model, arc));
+        let plain = model.flown_flight().unwrap().1;
+        model.step(0.0, &[Action::EditFinding(0, FindingEdit::InFlight(true))]);
+        let looks = forward_at(&mut model, here);
+        let to = (wall - model.pose.unwrap().position_mm.as_dvec3()).normalize().as_vec3();
+        assert!(looks.dot(to) > 0.999 && looks.dot(ahead) < 0.6, "{looks} beside {to}");
+        assert!(forward_at(&mut model, end).distance(last) < 1e-5);
+        // The saved flight is the one that is seen.
+        let (_, saved) = model.flown_flight().unwrap();
+        let near = (0..saved.poses.len())
+            .min_by(|a, b| {
+                (saved.arc_mm[*a] - here).abs().total_cmp(&(saved.arc_mm[*b] - here).abs())
+            })
+            .unwrap();
+        assert!(saved.poses[near].forward().dot(to) > 0.99);
+        assert_eq!(saved.arc_mm, plain.arc_mm);
+        model.step(0.0, &[Action::Undo]);
+        assert_eq!(model.flown_flight().unwrap().1, plain);
     }
 }

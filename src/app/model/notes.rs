@@ -1,68 +1,19 @@
-//! Bookmarks, measurements, and visits to missed patches.
-
-use std::collections::BTreeMap;
+//! Bookmarks and measurements.
 
 use glam::{DVec3, Quat};
 
-use super::super::action::FOV_DEG;
+use super::super::action::{FOV_DEG, Ruler};
 use super::super::finding::{FindingEdit, OWN_REACH_MM, wall_at};
 use super::super::measure::Measurement;
 use super::super::session_file::{AddedNotes, content_id};
 use super::{Bookmark, Model};
-use crate::flight::{Coverage, LISTED_FROM_MM2};
-use crate::geometry::{Mesh, Pose};
+use crate::flight::LesionDiameter;
+use crate::geometry::Pose;
 use crate::organ::{ColonEnds, Organ};
 use crate::session::FlightRoute;
 
-/// A missed patch, where the path is nearest to it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MissedPlace {
-    /// Its rank in area.
-    pub patch: usize,
-    /// Millimetres along the path.
-    pub arc_mm: f64,
-    /// Area that the flight misses, mm².
-    pub area_mm2: f64,
-    /// Area of it that no picture has shown since, mm².
-    pub unseen_mm2: f64,
-    /// Whether next to all of it has been shown since.
-    pub is_shown: bool,
-}
-
-/// Missed patch that is marked in the panes.
-#[derive(Clone, Debug, PartialEq)]
-pub struct MissedMark {
-    /// Its rank in area.
-    pub patch: usize,
-    /// Area that no picture has shown, mm².
-    pub area_mm2: f64,
-    /// Middle of the patch, LPS mm.
-    pub center_mm: DVec3,
-    /// Edges of the wall about the patch, LPS mm.
-    pub outline_mm: Vec<[DVec3; 2]>,
-}
-
-impl MissedMark {
-    fn of(wall: &Mesh, coverage: &Coverage, patch: usize, area_mm2: f64) -> Self {
-        // An edge of one face of the patch alone is one of its outline.
-        let mut edges = BTreeMap::new();
-        for (face, own) in wall.faces.iter().zip(&coverage.patch_of_face) {
-            if own.is_some_and(|own| own.get() as usize == patch + 1) {
-                for (a, b) in [(0, 1), (1, 2), (2, 0)].map(|(i, k)| (face[i], face[k])) {
-                    *edges.entry((a.min(b), a.max(b))).or_insert(0u32) += 1;
-                }
-            }
-        }
-        let place = |v: u32| wall.positions[v as usize].as_dvec3();
-        let outline = edges.into_iter().filter(|(_, faces)| *faces == 1);
-        Self {
-            patch,
-            area_mm2,
-            center_mm: coverage.patches[patch].center_mm,
-            outline_mm: outline.map(|((a, b), _)| [place(a), place(b)]).collect(),
-        }
-    }
-}
+/// Name of a measurement that the program has made.
+const FOUND: &str = "found";
 
 impl Model {
     /// Names the ends of the path where the lumen is a colon, or someone has said so.
@@ -126,6 +77,32 @@ impl Model {
         }
     }
 
+    /// Measures the largest diameter of a finding, which its reader may correct.
+    pub(super) fn measure_finding(&mut self, i: usize) {
+        let Some(finding) = self.bookmarks.get(i) else { return };
+        let (place, id) = (finding.wall_mm.map(DVec3::from), finding.id);
+        let p = &self.products;
+        let (Some(wall), Some(tree), Some(lumen)) = (&p.wall, &p.triangle_tree, &p.lumen) else {
+            return;
+        };
+        let voxel_mm = lumen.lumen.grid.voxel_mm3().cbrt();
+        let found = place.and_then(|at| LesionDiameter::find(&wall.mesh, tree, at, voxel_mm));
+        let Some(found) = found else {
+            let why =
+                "no edge of a lesion was found about the middle of that view: measure by hand";
+            self.message = Some(why.into());
+            return;
+        };
+        let Some(measured) = Measurement::of(Ruler::Length, &found.ends_mm) else { return };
+        let measured = Measurement { name: FOUND.into(), finding: Some(id), ..measured };
+        // One is enough: a second try takes the place of the first.
+        self.measurements.retain(|m| m.finding != Some(id) || m.name != FOUND);
+        let measurement_id = self.new_id(&measured);
+        self.message = Some(format!("{:.1} mm; its ends can be dragged", found.length_mm()));
+        self.measurements.push(Measurement { id: measurement_id, ..measured });
+        self.notes_changed();
+    }
+
     /// Number of the selected finding, if all of these places are near to it.
     fn finding_at(&self, places: &[DVec3]) -> Option<u64> {
         let finding = self.bookmarks.get(self.selected?)?;
@@ -151,8 +128,12 @@ impl Model {
             }
             FindingEdit::Shape(shape) => finding.shape = *shape,
             FindingEdit::Confidence(confidence) => finding.confidence = *confidence,
+            FindingEdit::InFlight(looks) => finding.in_flight = *looks,
         }
         self.notes_changed();
+        if matches!(edit, FindingEdit::InFlight(_)) && self.on_path {
+            self.seek(self.arc_mm);
+        }
     }
 
     /// Moves the eye to the noted place so many places after the selected one in the list, which
@@ -202,6 +183,7 @@ impl Model {
             segment: None,
             shape: None,
             confidence: None,
+            in_flight: false,
         };
         let wall_mm = self.products.triangle_tree.as_ref().and_then(|tree| wall_at(&noted, tree));
         let noted = Bookmark { wall_mm, ..noted };
@@ -225,121 +207,53 @@ impl Model {
             }
         }
     }
-
-    /// Returns the missed patches of [`LISTED_FROM_MM2`] or more in the order of the path; `None` before
-    /// the coverage is known.
-    pub fn missed_in_order(&self) -> Option<Vec<MissedPlace>> {
-        let (coverage, path) = (self.products.coverage.as_ref()?, self.path.as_ref()?);
-        let mut unseen_mm2 = vec![0.0; coverage.patches.len()];
-        for (face, patch, area_mm2) in &self.missed_faces {
-            if !self.seen.faces.get(*face as usize).copied().unwrap_or(false) {
-                unseen_mm2[*patch as usize] += f64::from(*area_mm2);
-            }
-        }
-        let of = |(patch, unseen): (usize, f64)| MissedPlace {
-            patch,
-            arc_mm: path.nearest_to(coverage.patches[patch].center_mm),
-            area_mm2: coverage.patches[patch].area_mm2,
-            unseen_mm2: unseen,
-            is_shown: unseen < LISTED_FROM_MM2,
-        };
-        let mut places: Vec<_> = unseen_mm2.into_iter().enumerate().map(of).collect();
-        places.retain(|p| p.area_mm2 >= LISTED_FROM_MM2);
-        places.sort_by(|a, b| a.arc_mm.total_cmp(&b.arc_mm).then(a.patch.cmp(&b.patch)));
-        Some(places)
-    }
-
-    /// Returns the faces of the missed patches, each with its patch and its area, mm².
-    pub(super) fn faces_of_patches(&self) -> Vec<(u32, u32, f32)> {
-        let (Some(coverage), Some(wall)) = (&self.products.coverage, &self.products.wall) else {
-            return Vec::new();
-        };
-        let of = |(face, patch): (usize, &Option<std::num::NonZeroU32>)| {
-            let patch = patch.as_ref()?.get() - 1;
-            let area = 0.5 * wall.mesh.face_cross(wall.mesh.faces[face]).length();
-            ((patch as usize) < coverage.patches.len()).then_some((face as u32, patch, area))
-        };
-        coverage.patch_of_face.iter().enumerate().filter_map(of).collect()
-    }
-
-    /// Moves the eye to the next patch along the path that was not shown since, or to the one before;
-    /// the list goes round.
-    pub(super) fn go_to_missed_beside(&mut self, by: isize) {
-        let Some(places) = self.missed_in_order() else { return };
-        // From the patch that is marked, else from the eye.
-        let marked = self.missed.as_ref().map(|m| m.patch);
-        let marked = places.iter().position(|p| Some(p.patch) == marked);
-        let ahead = || places.partition_point(|p| p.arc_mm <= self.arc_mm) as isize;
-        let count = places.len() as isize;
-        let first = match (marked, by > 0) {
-            (Some(i), _) => i as isize + by,
-            (None, true) => ahead(),
-            (None, false) => ahead() - 1,
-        };
-        let order = (0..count).map(|k| &places[(first + k * by).rem_euclid(count) as usize]);
-        match order.clone().find(|p| !p.is_shown) {
-            Some(place) => self.go_to_missed(place.patch),
-            None => {
-                self.message =
-                    Some(format!("no missed patch of {LISTED_FROM_MM2} mm² or more is left"));
-            }
-        }
-    }
-
-    /// Moves the eye to a missed patch, looks at it and marks it.
-    pub(super) fn go_to_missed(&mut self, patch: usize) {
-        let (Some(coverage), Some(wall)) =
-            (self.products.coverage.clone(), self.products.wall.clone())
-        else {
-            return;
-        };
-        let places = self.missed_in_order().unwrap_or_default();
-        let Some(place) = places.iter().find(|p| p.patch == patch) else { return };
-        self.playing = false;
-        self.missed = Some(MissedMark::of(&wall.mesh, &coverage, patch, place.unseen_mm2));
-        self.seek(place.arc_mm);
-        self.turn_to(coverage.patches[patch].center_mm);
-        let left = places.iter().filter(|p| !p.is_shown).count();
-        let (area, all) = (place.unseen_mm2, places.len());
-        self.message = Some(format!("missed patch of {area:.0} mm² ahead; {left} of {all} left"));
-    }
 }
 
 #[cfg(test)]
 mod tests {
-    use std::num::NonZeroU32;
     use std::sync::Arc;
 
-    use super::super::flown_model;
     use super::*;
-    use crate::app::action::{Action, Ruler};
-    use crate::flight::MissedPatch;
-    use crate::volume::phantom::Kind;
+    use crate::app::action::Action;
+    use crate::session::{Product, Session, Settings, Source, VolumeSource};
+    use crate::volume::Volume;
+    use crate::volume::phantom::{Kind, Phantom};
 
+    /// A label map of a tube with a half ball of 5 mm on its wall.
     #[test]
-    fn a_missed_patch_is_marked_with_its_outline_where_the_eye_is_led() {
-        let (mut model, _session) = flown_model(Kind::Y, |_| {});
-        let wall = model.products.wall.clone().unwrap();
-        // Half of the wall, as if the flight had missed it.
-        let centre = model.pose.unwrap().position_mm;
-        let is_missed = |face: &[u32; 3]| wall.mesh.positions[face[0] as usize].x > centre.x;
-        let faces = &wall.mesh.faces;
-        let mut coverage = Coverage::clone(model.products.coverage.as_ref().unwrap());
-        coverage.patch_of_face =
-            faces.iter().map(|f| is_missed(f).then_some(NonZeroU32::MIN)).collect();
-        let area_mm2 = 1000.0;
-        let center_mm = centre.as_dvec3() + DVec3::X;
-        coverage.patches = vec![MissedPatch { area_mm2, center_mm, arc_mm: 0.0, faces: 1 }];
-        model.products.coverage = Some(Arc::new(coverage));
-        model.missed_faces = model.faces_of_patches();
-        model.step(0.0, &[Action::NextMissed]);
-        let missed = model.missed.clone().expect("a patch of half the wall");
-        let mut ends = BTreeMap::new();
-        for p in missed.outline_mm.iter().flatten() {
-            *ends.entry(p.to_array().map(f64::to_bits)).or_insert(0u32) += 1;
-        }
-        assert!(!ends.is_empty() && ends.values().all(|n| n % 2 == 0), "closed lines");
-        assert_eq!((missed.center_mm, model.crosshair_mm), (center_mm, center_mm));
+    fn a_lesion_is_measured_by_the_program_once_and_a_flat_wall_is_not() {
+        let tube = Phantom::new(Kind::Tube, 48, [1.0; 3]).unwrap().mask();
+        let grid = tube.grid;
+        let is_tube = |i: usize| tube.real(i) != 0.0;
+        let middle = 0.5 * (grid.dims.as_dvec3() - 1.0);
+        let index = |p: DVec3| grid.index(p.round().as_uvec3());
+        let floor = (0..24).map(|k| middle - DVec3::X * f64::from(k)).find(|p| !is_tube(index(*p)));
+        let floor = floor.unwrap();
+        let radius = 5.0;
+        let label = |i: usize| {
+            let off = grid.voxel(i).as_dvec3().distance(floor);
+            u8::from(is_tube(i) && off > radius)
+        };
+        let labels: Vec<u8> = (0..grid.len()).map(label).collect();
+        let volume = Arc::new(Volume::new(grid, labels.into()));
+        let session =
+            Session::new(Source::Image(VolumeSource::Memory(volume)), Settings::default()).unwrap();
+        let wanted = [Product::Lumen, Product::Wall, Product::TriangleTree, Product::Fields];
+        session.prepare(&wanted).unwrap();
+        let mut model = Model::new(20.0);
+        model.update(session.products(&wanted));
+        let world = |p: DVec3| grid.world_from_voxel().transform_point3(p).to_array();
+        model.step(0.0, &[Action::Bookmark("polyp".into()), Action::Bookmark("wall".into())]);
+        model.bookmarks[0].wall_mm = Some(world(floor + DVec3::X * radius));
+        model.bookmarks[1].wall_mm = Some(world(floor + DVec3::new(0.0, 0.0, 12.0)));
+        // Twice, as an impatient reader does.
+        model.step(0.0, &[Action::MeasureFinding(0), Action::MeasureFinding(0)]);
+        let [measured] = &model.measurements[..] else { panic!("{:?}", model.measurements) };
+        assert_eq!(measured.finding, Some(model.bookmarks[0].id));
+        assert!((measured.value() - 2.0 * radius).abs() < 1.5, "{}", measured.value());
+        model.step(0.0, &[Action::MeasureFinding(1), Action::MeasureFinding(7)]);
+        assert_eq!(model.measurements.len(), 1);
+        assert!(model.message.as_ref().unwrap().ends_with("by hand"), "{:?}", model.message);
     }
 
     #[test]

@@ -171,7 +171,8 @@ mod tests {
         let take = |model: &mut Model, branch| {
             let route = FlightRoute::Leaf(branch);
             let flight = session.flight_along(route).unwrap();
-            model.take_branch(&flight, &session.sections_along(&flight).unwrap(), route);
+            let sections = session.sections_along(&flight).unwrap();
+            model.take_branch(flight, &sections, route);
         };
         let branch = model.choices.last().expect("a Y has another branch").branch;
         take(&mut model, branch);

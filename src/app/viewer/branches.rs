@@ -1,4 +1,5 @@
-//! Flights along branches of the centerline: one that is asked for, or that a saved eye flew.
+//! Flights along branches of the centerline: one that is asked for, or that a saved eye flew; and
+//! their coverage.
 
 use super::super::computation::TaskKind;
 use super::open_case::OpenCase;
@@ -13,12 +14,25 @@ impl OpenCase {
                 Ok((flight, sections))
             });
             Box::new(move |model| match planned {
-                Ok((flight, sections)) => model.take_branch(&flight, &sections, route),
+                Ok((flight, sections)) => model.take_branch(flight, &sections, route),
                 Err(e) => {
                     model.message = Some(format!("no flight along that branch: {e}"));
                     model.give_up_branch();
                     model.give_up_way();
                 }
+            })
+        })
+    }
+
+    /// Computes how much of the wall the flight along a branch shows, once that of the first path is
+    /// known.
+    pub(super) fn cover_branch(&mut self) -> Result<(), SessionError> {
+        let Some((route, flight)) = self.model.take_uncovered() else { return Ok(()) };
+        self.spawn(TaskKind::Coverage, move |session| {
+            let covered = session.coverage_along(&flight);
+            Box::new(move |model| match covered {
+                Ok(coverage) => model.cover_branch(route, coverage),
+                Err(e) => model.message = Some(format!("no coverage of that branch: {e}")),
             })
         })
     }

@@ -71,7 +71,7 @@ impl OpenCase {
         self.show_written(written.map(|path| wrote(&path)));
     }
 
-    /// Draws the flight into a new folder of the export folder and, where there is ffmpeg, a video
+    /// Draws the flight as it is flown into a new folder of the export folder and, where there is ffmpeg, a video
     /// beside it. One flight at a time.
     pub(super) fn export_flight(&mut self) -> Result<(), SessionError> {
         let Frames::Speed { fps, .. } = self.options.settings.flight.frames else { return Ok(()) };
@@ -80,8 +80,10 @@ impl OpenCase {
         }
         let (folder, stem) = (self.options.export.clone(), self.file_stem("flight"));
         self.model.message = None;
+        let flight = self.model.flown_flight();
         self.spawn(TaskKind::SavedFlight, move |session| {
-            let message = save_flight(session, (&folder, &stem), fps).unwrap_or_else(|e| match e {
+            let saved = save_flight(session, (&folder, &stem), flight, fps);
+            let message = saved.unwrap_or_else(|e| match e {
                 SessionError::Cancelled => "saving was stopped; no frame is left".into(),
                 e => format!("the flight is not written: {e}"),
             });

@@ -231,7 +231,8 @@ impl OpenCase {
         let outcomes = self.computation.as_mut().map(Computation::outcomes).unwrap_or_default();
         self.show(gpu, &SHOWN)?;
         outcomes.into_iter().for_each(|outcome| outcome(&mut self.model));
-        Ok(self.restore_branch()?)
+        self.restore_branch()?;
+        Ok(self.cover_branch()?)
     }
 
     /// Computes the products up to one, waits for them and takes in these alone, so that what is
@@ -437,10 +438,18 @@ impl OpenCase {
                 _ => {}
             }
         }
-        if let (Detail::Settled, Some(computation)) = (self.detail, &mut self.computation) {
-            computation.join().into_iter().for_each(|outcome| outcome(&mut self.model));
+        if self.detail == Detail::Settled {
+            self.join_tasks();
+            self.cover_branch()?;
+            self.join_tasks();
         }
         Ok(requests)
+    }
+
+    /// Waits for all tasks and takes in their outcomes.
+    fn join_tasks(&mut self) {
+        let outcomes = self.computation.as_mut().map(Computation::join).unwrap_or_default();
+        outcomes.into_iter().for_each(|outcome| outcome(&mut self.model));
     }
 
     /// Shows other volumes, or another lumen of the same.
