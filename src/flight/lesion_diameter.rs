@@ -92,9 +92,11 @@ impl Around {
         for k in 0..PLANES {
             let angle = std::f64::consts::PI * k as f64 / PLANES as f64;
             let along = DQuat::from_axis_angle(normal, angle) * across;
-            let Some(profile) = Profile::cut(wall, tree, place, [along, normal]) else { continue };
+            let Some(outline) = LesionOutline::cut(wall, tree, place, [along, normal]) else {
+                continue;
+            };
             let world = |p: DVec2| place + along * p.x + normal * p.y;
-            let (edges, between) = profile.lesion(base_mm);
+            let (edges, between) = outline.lesion(base_mm);
             for (half, edge) in halves.iter_mut().zip(edges) {
                 half.extend(edge.map(world));
             }
@@ -157,13 +159,13 @@ fn mean_normal(wall: &Mesh, tree: &TriangleBvh, place: DVec3, reach: f64) -> Opt
 }
 
 /// Outline of the wall in a plane, from the place to both sides; x along the wall, y into the lumen.
-struct Profile {
+struct LesionOutline {
     sides: [Vec<DVec2>; 2],
     /// Whether the outline goes round the lesion: the plane misses the stalk of a head.
     is_island: bool,
 }
 
-impl Profile {
+impl LesionOutline {
     /// * `axes`: along the wall, and into the lumen.
     fn cut(
         wall: &Mesh,
