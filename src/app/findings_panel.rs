@@ -72,9 +72,9 @@ fn new_finding(ui: &mut Ui, model: &Model, state: &mut PanelState, commands: &mu
 
 /// A finding in one line: number, name, place, size.
 fn line(model: &Model, i: usize, finding: &Bookmark) -> String {
-    let place = match model.arc_of(finding) {
+    let place = match model.arc_beside(finding) {
         Some(_) => distance_mm(model, finding).map(|mm| format!(", {mm:.0} mm")),
-        None => Some(", off the path".into()),
+        None => Some(", not on this path".into()),
     };
     let size = sizes(model, finding).largest_mm().map(|mm| format!(", size {mm:.1} mm"));
     let (place, size) = (place.unwrap_or_default(), size.unwrap_or_default());

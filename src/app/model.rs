@@ -499,6 +499,19 @@ impl Model {
             .or_else(|| Some(path.nearest_to(place)).filter(|a| is_there(*a)))
     }
 
+    /// Place of the path that a noted eye was beside, mm; `None` where the path does not pass it within
+    /// the lumen.
+    pub(super) fn arc_beside(&self, noted: &Bookmark) -> Option<f64> {
+        /// As far from the path an eye is beside it in any lumen, mm.
+        const BESIDE_MM: f64 = 3.0;
+        self.arc_of(noted).or_else(|| {
+            let (path, place) = (self.path.as_ref()?, DVec3::from(noted.position_mm));
+            let arc = path.nearest_to(place);
+            let away = path.pose_at(arc).position_mm.as_dvec3().distance(place);
+            (away <= path.radius_at(arc).max(BESIDE_MM)).then_some(arc)
+        })
+    }
+
     /// Forgets notes and what led to them, before those of a file take their place.
     pub(super) fn forget_notes(&mut self) {
         self.bookmarks.clear();

@@ -38,7 +38,7 @@ fn about(path: &FlightPath) -> String {
     };
     format!(
         "Bars: least distance of the path to the wall. Line: radius of a circle as large as the \
-         cross-section; none where the plane runs along the lumen. Dots: findings. Diamonds: missed \
+         cross-section; none where the plane runs along the lumen. Dots: findings, with a ring where the flight looks at them. Diamonds: missed \
          wall. Triangles: branches.{cuts}"
     )
 }
@@ -123,8 +123,13 @@ pub(super) fn timeline(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
     for patch in model.missed_in_order().into_iter().flatten().filter(|p| !p.is_shown) {
         diamond(&painter, pos2(x(patch.arc_mm), plot.top() + 14.0), MISSED);
     }
-    for b in model.bookmarks.iter().filter_map(|b| model.arc_of(b)) {
-        painter.circle_filled(pos2(x(b), plot.top() + 4.0), 3.0, CAMERA);
+    for finding in &model.bookmarks {
+        let Some(arc) = model.arc_beside(finding) else { continue };
+        let at = pos2(x(arc), plot.top() + 4.0);
+        painter.circle_filled(at, 3.0, CAMERA);
+        if finding.in_flight {
+            painter.circle_stroke(at, 5.0, Stroke::new(1.0, CAMERA));
+        }
     }
     let here = x(model.arc_mm);
     painter

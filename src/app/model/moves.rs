@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use glam::{DVec3, Quat};
+use glam::{DVec3, Quat, Vec3};
 
 use super::super::junctions::BranchChoice;
 use super::{Bookmark, Model};
@@ -22,8 +22,6 @@ pub(super) const NEAR_MM: f32 = 2.0;
 /// Room that light is scaled by, in distances of the eye from the wall, where that is less than the
 /// path's: an eye off the middle of a lumen sees it lit as from there.
 const LIGHT_REACH: f64 = 1.5;
-/// A finding as far from the path, mm, is passed in any lumen.
-const MIN_BESIDE_MM: f64 = 3.0;
 /// The near plane that the eye keeps room for while it is moved by hand, mm.
 const HAND_NEAR_MM: f32 = 0.4;
 
@@ -130,7 +128,20 @@ impl Model {
     /// Gazes at the findings that the flight looks at in passing.
     fn keyed_gaze(&self, path: &FlightPath) -> KeyedGaze {
         let keyed = self.bookmarks.iter().filter(|b| b.in_flight);
-        KeyedGaze::new(path, keyed.filter_map(|finding| gaze_at(path, finding)))
+        KeyedGaze::new(path, keyed.filter_map(|finding| self.gaze_at(path, finding)))
+    }
+
+    /// Place of the path beside a finding, mm, and the camera that looks from there at the finding, level
+    /// as the flight is; the camera of the noted view where no wall was seen. `None` for a finding that
+    /// the path does not pass.
+    fn gaze_at(&self, path: &FlightPath, finding: &Bookmark) -> Option<(f64, Quat)> {
+        let arc = self.arc_beside(finding)?;
+        let pose = path.pose_at(arc);
+        let to_wall = finding.wall_mm.map(|wall| DVec3::from(wall).as_vec3() - pose.position_mm);
+        let looking = |to: Vec3| Pose::looking(pose.position_mm, to, pose.up()).rotation;
+        let at_wall = to_wall.filter(|to| to.length() > 1e-3).map(looking);
+        let as_noted = || Quat::from_array(finding.rotation.map(|v| v as f32)).normalize();
+        Some((arc, at_wall.unwrap_or_else(as_noted)))
     }
 
     /// Returns the flight as it is flown, with its route and the gazes that were set.
@@ -285,25 +296,6 @@ impl Model {
     }
 }
 
-/// Place of the path beside a finding, mm, and the camera that looks from there at the finding, level
-/// as the flight is; the camera of the noted view where no wall was seen. `None` for a finding that
-/// the path does not pass.
-fn gaze_at(path: &FlightPath, finding: &Bookmark) -> Option<(f64, Quat)> {
-    let noted = DVec3::from(finding.position_mm);
-    let arc = path.nearest_to(noted);
-    let pose = path.pose_at(arc);
-    let beside = pose.position_mm.as_dvec3().distance(noted);
-    if beside > path.radius_at(arc).max(MIN_BESIDE_MM) {
-        return None;
-    }
-    let to_wall = finding.wall_mm.map(|wall| DVec3::from(wall).as_vec3() - pose.position_mm);
-    let looking = to_wall
-        .filter(|to| to.length() > 1e-3)
-        .map(|to| Pose::looking(pose.position_mm, to, pose.up()).rotation);
-    let as_noted = || Quat::from_array(finding.rotation.map(|v| v as f32)).normalize();
-    Some((arc, looking.unwrap_or_else(as_noted)))
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::flown_model;
@@ -360,6 +352,8 @@ mod tests {
         model.step(0.0, &[Action::Seek(here), Action::Turn([1.2, 0.0, 0.0])]);
         model.step(0.0, &[Action::Bookmark("fold".into())]);
         let wall = DVec3::from(model.bookmarks[0].wall_mm.unwrap());
+        // A turned eye is beside its place of the path still: the list said "off the path".
+        assert!((model.arc_beside(&model.bookmarks[0]).unwrap() - here).abs() < 0.5);
         let forward_at = |model: &mut Model, arc: f64| {
             model.step(0.0, &[Action::Seek(arc)]);
             model.pose.unwrap().forward()
