@@ -208,6 +208,8 @@ pub enum Action {
     Colour(Colouring),
     /// Sets the opacity of the overview's wall: 0 none, 1 as glass, 2 solid.
     Opacity(f32),
+    /// Raises the local contrast of the inside view, or leaves it.
+    LocalContrast(bool),
     /// Begins to measure, or stops.
     Measure(Option<Ruler>),
     /// Adds a point to what is being measured, LPS mm.

@@ -206,6 +206,8 @@ pub struct Model {
     pub colouring: Colouring,
     /// Opacity of the overview's wall: 0 none, 1 as glass, 2 solid.
     pub opacity: f32,
+    /// Whether the local contrast of the inside view is raised.
+    pub local_contrast: bool,
     /// Ruler of the measurement in progress.
     pub ruler: Option<Ruler>,
     /// Points of the measurement in progress, LPS mm.
@@ -297,6 +299,7 @@ impl Model {
             aspect,
             fov_deg,
             view: self.view,
+            local_contrast: self.local_contrast,
             layout: self.layout,
             large_slice: self.large_slice,
             hides_panel: self.hides_panel,
@@ -583,6 +586,7 @@ impl Model {
             Action::Extent(extent) => self.set_extent(*extent),
             Action::View(view) => self.view = *view,
             Action::Colour(colouring) => self.colouring = *colouring,
+            Action::LocalContrast(raised) => self.local_contrast = *raised,
             Action::Opacity(o) if o.is_finite() => self.opacity = o.clamp(0.0, 2.0),
             Action::Measure(ruler) => {
                 self.ruler = *ruler;

@@ -154,6 +154,9 @@ const REST: Duration = Duration::from_millis(250);
 /// Colours of a wall that is being seen are brought up to date no more often.
 const PAINT_EVERY: Duration = Duration::from_millis(200);
 
+/// Local contrast of the inside view where it is raised.
+const LOCAL_CONTRAST: f32 = 0.5;
+
 /// Largest number of refined faces of each level that are made for one frame.
 const MADE_PER_FRAME: u32 = 200;
 
@@ -299,9 +302,11 @@ impl Panes {
     fn arrange(&mut self, model: &Model) {
         let wall = self.coloured.as_ref().map(|c| c.inside).or(self.mesh);
         let behind = self.tissue.filter(|_| model.colouring == Colouring::Behind);
-        let shown = self.inside.scene.map(|scene| (scene.wall, scene.behind));
-        if let Some(wall) = wall.filter(|wall| shown != Some((*wall, behind))) {
-            self.inside.change(Scene { behind, ..Scene::with(wall, None) });
+        let local_contrast = if model.local_contrast { LOCAL_CONTRAST } else { 0.0 };
+        let look = Look { local_contrast, ..Look::default() };
+        let shown = self.inside.scene.map(|scene| (scene.wall, scene.behind, scene.look));
+        if let Some(wall) = wall.filter(|wall| shown != Some((*wall, behind, look))) {
+            self.inside.change(Scene { behind, look, ..Scene::with(wall, None) });
         }
         let Some(glass) = self.coloured.as_ref().map(|c| c.overview).or(self.glass) else { return };
         let look = Look { opacity: model.opacity, ..Look::default() };

@@ -234,6 +234,11 @@ fn appearance(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
             }
         }
     });
+    let mut raised = model.local_contrast;
+    let tip = "Fine relief stands out; light is no measure of the wall's slope then";
+    if ui.checkbox(&mut raised, "Local contrast").on_hover_text(tip).changed() {
+        commands.act(Action::LocalContrast(raised));
+    }
     ui.horizontal(|ui| {
         ui.label(egui::RichText::new("Overview").color(FAINT));
         let mut opacity = model.opacity;

@@ -34,6 +34,9 @@ pub struct FrameArgs {
     /// (8 behind an airway)
     #[arg(long, value_name = "MM")]
     pub behind: Option<f32>,
+    /// Raise fine relief in views from inside by this share: 0.5 is half as much again
+    #[arg(long, value_name = "K", default_value_t = 0.0)]
+    pub local_contrast: f32,
     /// Vertical field of view, degrees
     #[arg(long, value_name = "DEG", default_value_t = 90.0)]
     pub fov: f32,
@@ -91,6 +94,7 @@ impl FrameArgs {
             },
             view: self.view,
             behind_mm: self.behind,
+            local_contrast: self.local_contrast,
             fov_y_rad: self.fov.to_radians(),
             samples: if self.msaa == "1" { 1 } else { 4 },
             reverse: self.reverse,

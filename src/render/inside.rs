@@ -87,15 +87,15 @@ impl Renderer {
         let targets = self.inside_targets(shot.view);
         let (colour, resolve) = targets.drawn_and_resolved();
         let encoded = resolve.is_none();
+        let reads_depth = scene.behind.is_some() || Self::raises_contrast(scene, shot.view);
         let background = scene.look.background;
         let [r, g, b] = if encoded { super::look::srgb(background) } else { background };
         Pass {
             colour,
             resolve,
             depth: Some(targets.depth),
-            kept_depth: scene
-                .behind
-                .and((targets.kept_depth != targets.depth).then_some(targets.kept_depth)),
+            kept_depth: (reads_depth && targets.kept_depth != targets.depth)
+                .then_some(targets.kept_depth),
             encoded,
             clear: Some([r, g, b, 1.0]),
             area,

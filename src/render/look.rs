@@ -9,6 +9,8 @@ pub struct Look {
     pub background: [f32; 3],
     /// Opacity of the overview's wall: 0 none, 1 as glass, 2 solid.
     pub opacity: f32,
+    /// Share by which light departs farther from smooth light in an inside view; 0 leaves it as it is.
+    pub local_contrast: f32,
 }
 
 /// Colour of wall that no picture has shown: linear, eight bits each, and the share of the tissue's
@@ -17,7 +19,12 @@ pub const MISSED: [u8; 4] = [8, 60, 205, 235];
 
 impl Default for Look {
     fn default() -> Self {
-        Self { falloff_mm: None, background: [0.006, 0.007, 0.009], opacity: 1.0 }
+        Self {
+            falloff_mm: None,
+            background: [0.006, 0.007, 0.009],
+            opacity: 1.0,
+            local_contrast: 0.0,
+        }
     }
 }
 

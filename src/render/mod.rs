@@ -3,6 +3,7 @@
 
 mod behind;
 mod camera;
+mod contrast;
 mod error;
 mod inside;
 mod lines;
@@ -20,6 +21,7 @@ mod targets;
 mod unfold;
 
 pub use camera::{Framing, clip_from_world, framing};
+pub use contrast::MAX_LOCAL_CONTRAST;
 pub use error::RenderError;
 pub use look::{Look, MISSED};
 pub use mesh::PreparedMesh;

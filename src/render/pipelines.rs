@@ -8,6 +8,8 @@ use crate::vk::{
 /// Format of pictures, and of the glass that is laid over them.
 pub(super) const PICTURE: Format = Format::Rgba8Srgb;
 pub(super) const GLASS: Format = Format::Rgba16Float;
+/// Format of statistics whose differences count.
+pub(super) const STATISTICS: Format = Format::Rgba32Float;
 pub(super) const DEPTH: Format = Format::Depth32;
 
 pub(super) struct Pipelines {
@@ -28,6 +30,11 @@ pub(super) struct Pipelines {
     pub panorama: DrawPipelineId,
     /// Tissue behind the wall.
     pub behind: DrawPipelineId,
+    /// Local contrast: statistics, their means, lines fitted to them, the picture with its contrast.
+    pub contrast_gather: DrawPipelineId,
+    pub contrast_blur: DrawPipelineId,
+    pub contrast_fit: DrawPipelineId,
+    pub contrast_lay: DrawPipelineId,
 }
 
 impl Pipelines {
@@ -104,6 +111,13 @@ impl Pipelines {
             samples: 1,
             blend: Blend::Stack,
         };
+        let fill = |shader, fragment, colour| DrawSpec {
+            shader,
+            entries: ["whole", fragment],
+            colour,
+            blend: Blend::Opaque,
+            ..stack.clone()
+        };
         Ok(Self {
             inside: gpu.draw_pipeline(&surface)?,
             inside_fronts: gpu.draw_pipeline(&fronts)?,
@@ -124,8 +138,24 @@ impl Pipelines {
                 shader: &host::behind::SHADER,
                 entries: ["whole", "look"],
                 blend: Blend::Over,
-                ..stack
+                ..stack.clone()
             })?,
+            contrast_gather: gpu.draw_pipeline(&fill(
+                &host::contrast_gather::SHADER,
+                "gather",
+                STATISTICS,
+            ))?,
+            contrast_blur: gpu.draw_pipeline(&fill(
+                &host::contrast_blur::SHADER,
+                "blur",
+                STATISTICS,
+            ))?,
+            contrast_fit: gpu.draw_pipeline(&fill(
+                &host::contrast_blur::SHADER,
+                "fit",
+                STATISTICS,
+            ))?,
+            contrast_lay: gpu.draw_pipeline(&fill(&host::contrast_lay::SHADER, "lay", PICTURE))?,
         })
     }
 
@@ -133,6 +163,9 @@ impl Pipelines {
         let Self { inside, inside_fronts, inside_coloured, lines, stack, panorama, .. } = *self;
         let single = [inside, inside_fronts, inside_coloured, lines, stack, panorama];
         let single = single.into_iter().chain([self.patches, self.patch_fronts, self.behind]);
+        let contrast =
+            [self.contrast_gather, self.contrast_blur, self.contrast_fit, self.contrast_lay];
+        let single = single.chain(contrast);
         for p in single.chain(self.glass).chain(self.glass_coloured) {
             releaser.draw_pipeline(p);
         }

@@ -7,6 +7,7 @@ use glam::Vec3;
 
 use super::RenderError;
 use super::behind::PlacedTissue;
+use super::contrast::ContrastTargets;
 use super::inside::DrawnParts;
 use super::lines::Tubes;
 use super::mesh::{self, PreparedMesh, WallVertices};
@@ -83,6 +84,10 @@ pub struct Renderer {
     pub(super) targets: Targets,
     /// Images that the six faces of a panorama are drawn to.
     pub(super) faces: Option<Targets>,
+    /// Images of local contrast, once a shot has it.
+    pub(super) contrast: Option<ContrastTargets>,
+    /// The image that the last frame was finished in.
+    finished: ImageId,
     pub(super) models: Vec<Option<PlacedMesh>>,
     pub(super) paths: Vec<Option<PlacedMesh>>,
     pub(super) tissues: Vec<Option<PlacedTissue>>,
@@ -115,8 +120,10 @@ impl Renderer {
                 pipelines: Pipelines::new(gpu, samples)?,
                 frustum: upload_tubes(gpu, &Tubes::frustum())?,
                 ball: upload_tubes(gpu, &Tubes::ball())?,
+                finished: targets.picture,
                 targets,
                 faces: None,
+                contrast: None,
                 models: Vec::new(),
                 paths: Vec::new(),
                 tissues: Vec::new(),
@@ -141,7 +148,9 @@ impl Renderer {
             return Ok(());
         }
         let targets = Targets::new(gpu, [width, height], self.samples)?;
+        self.finished = targets.picture;
         std::mem::replace(&mut self.targets, targets).release(&self.releaser);
+        self.contrast.take().iter().for_each(|c| c.release(&self.releaser));
         self.glass_of = None;
         Ok(())
     }
@@ -373,8 +382,8 @@ impl Renderer {
             let new = ReadbackSlot::new(gpu, self.size())?;
             self.releaser.buffer(std::mem::replace(&mut self.slots[slot], new).buffer);
         }
-        let picture = (self.targets.picture, self.slots[slot].buffer);
-        self.submit_eyes(gpu, scene, shot, seen, Some(picture))
+        let to = self.slots[slot].buffer;
+        self.submit_eyes(gpu, scene, shot, seen, Some(to))
     }
 
     /// Draws one frame to [`Renderer::picture`] and does not read it back. Waits for no picture unless
@@ -396,9 +405,10 @@ impl Renderer {
         drawn
     }
 
-    /// Returns the image frames are drawn to: sRGB, one sample a pixel. Another after a resize.
+    /// Returns the image that the last frame was finished in: sRGB, one sample a pixel. Another after a
+    /// resize, and where local contrast is raised.
     pub fn picture(&self) -> ImageId {
-        self.targets.picture
+        self.finished
     }
 
     fn submit_eyes(
@@ -407,9 +417,10 @@ impl Renderer {
         scene: &Scene,
         shot: &Shot,
         seen: Option<&[VisibleWall]>,
-        picture: Option<(ImageId, BufferId)>,
+        read_to: Option<BufferId>,
     ) -> Result<FrameStats, RenderError> {
         self.room_for_faces(gpu, shot.view)?;
+        self.room_for_contrast(gpu, scene, shot.view)?;
         let eyes = self.eyes(shot);
 
         // 1. What each eye sees of the wall, and the vertices that are not there yet.
@@ -460,6 +471,14 @@ impl Renderer {
         if shot.view == View::Panorama {
             passes.extend(self.panorama_pass());
         }
+        self.finished = self.targets.picture;
+        if let (Some(area), Some(contrast)) = (self.areas(shot.view).0, &self.contrast)
+            && Self::raises_contrast(scene, shot.view)
+        {
+            self.finished = contrast.lit;
+            passes.extend(self.contrast_passes(scene, shot, area));
+        }
+        let picture = read_to.map(|to| (self.finished, to));
         let frame = Frame { writes, passes, picture, ..Frame::default() };
         // Any number of pictures may be under way.
         let sent = gpu.make_room(frame.staged_bytes()).and_then(|()| gpu.submit_draws(&frame));
@@ -541,6 +560,7 @@ impl Drop for Renderer {
         self.slots.iter().for_each(|s| releaser.buffer(s.buffer));
         self.targets.release(releaser);
         self.faces.iter().for_each(|f| f.release(releaser));
+        self.contrast.iter().for_each(|c| c.release(releaser));
     }
 }
 

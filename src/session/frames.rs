@@ -15,7 +15,7 @@ use crate::device::{Device, DeviceError};
 use crate::flight::Flight;
 use crate::geometry::{Centerline, CenterlinePoint, Pose};
 use crate::render::{
-    FrameSequence, FrameStats, MeshHandle, PreparedMesh, RenderError, Renderer, Scene, Shot,
+    FrameSequence, FrameStats, Look, MeshHandle, PreparedMesh, RenderError, Renderer, Scene, Shot,
     Spares, TissueHandle, View,
 };
 use crate::task::CancelToken;
@@ -160,7 +160,8 @@ impl Session {
         let tissue = behind.as_deref().map(&mut upload).transpose()?;
         let mut held = vec![inside];
         held.extend(overview.filter(|mesh| *mesh != inside));
-        let mut scene = Scene { behind: tissue, ..Scene::with(inside, overview) };
+        let look = Look { local_contrast: s.local_contrast, ..Look::default() };
+        let mut scene = Scene { behind: tissue, look, ..Scene::with(inside, overview) };
         let pieces = self.flown_pieces(&centered.line, route)?;
         if is_overview && pieces.iter().any(|p| p.len() > 1) {
             let path = display.draw(&mut renderer, |r, gpu| r.upload_path(gpu, &pieces))?;

@@ -224,6 +224,8 @@ pub struct FlightSettings {
     /// Depth of the tissue behind the wall that inside views show, mm. Where `None`, the translucent
     /// view alone shows tissue, as deep as the organ asks.
     pub behind_mm: Option<f32>,
+    /// Share by which light departs farther from smooth light in views from inside; 0 leaves it.
+    pub local_contrast: f32,
     /// Vertical field of view, radians.
     pub fov_y_rad: f32,
     /// Samples a pixel, 1 or 4.
@@ -245,6 +247,7 @@ impl Default for FlightSettings {
             size: [1280, 720],
             view: View::Inside,
             behind_mm: None,
+            local_contrast: 0.0,
             fov_y_rad: std::f32::consts::FRAC_PI_2,
             samples: 4,
             reverse: false,

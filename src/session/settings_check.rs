@@ -7,7 +7,7 @@ use super::settings::{FlightSettings, LevelSettings, Lod, LumenSettings, Setting
 use crate::flight::{FOV_DEG, Frames, MAX_FRAMES};
 use crate::lod::vds::Scheme;
 use crate::organ::Organ;
-use crate::render::View;
+use crate::render::{MAX_LOCAL_CONTRAST, View};
 use crate::surface::{Fairing, Smoothing};
 
 /// Threads of a session.
@@ -136,6 +136,7 @@ impl FlightSettings {
         let fov_deg = (f64::from(self.fov_y_rad.to_degrees()) * 1e4).round() / 1e4;
         within("fov", fov_deg, &FOV_DEG, " degrees")?;
         self.behind_mm.map_or(Ok(()), |mm| within("behind", mm, &BEHIND_MM, " mm"))?;
+        within("local-contrast", self.local_contrast, &(0.0..=MAX_LOCAL_CONTRAST), "")?;
         let has_inside = self.behind_mm.is_none() || self.view != View::Overview;
         ensure(has_inside, "behind", self.behind_mm.unwrap_or_default(), || {
             "for views from inside, not for the overview".into()

@@ -20,6 +20,8 @@ pub enum Format {
     Bgra8Stored,
     /// Four half floats, linear.
     Rgba16Float,
+    /// Four floats of 32 bits, linear.
+    Rgba32Float,
     /// 32-bit float depth.
     Depth32,
 }
@@ -31,6 +33,7 @@ impl Format {
             Self::Rgba8Stored => vk::Format::R8G8B8A8_UNORM,
             Self::Bgra8Stored => vk::Format::B8G8R8A8_UNORM,
             Self::Rgba16Float => vk::Format::R16G16B16A16_SFLOAT,
+            Self::Rgba32Float => vk::Format::R32G32B32A32_SFLOAT,
             Self::Depth32 => vk::Format::D32_SFLOAT,
         }
     }
@@ -45,6 +48,7 @@ impl Format {
         match self {
             Self::Rgba8Srgb | Self::Rgba8Stored | Self::Bgra8Stored | Self::Depth32 => 4,
             Self::Rgba16Float => 8,
+            Self::Rgba32Float => 16,
         }
     }
 }

@@ -4,6 +4,7 @@ mod all_round;
 mod behind;
 mod cases;
 mod compare;
+mod contrast;
 mod golden;
 mod lod_draw;
 mod lod_occlusion;

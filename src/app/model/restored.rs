@@ -37,6 +37,9 @@ pub struct SavedView {
     /// The slice that was shown large.
     #[serde(default)]
     pub large_slice: Pane,
+    /// Whether the local contrast of the inside view was raised.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub local_contrast: bool,
     /// Opacity of the overview's wall.
     pub opacity: f32,
     /// Rotation of the overview, radians.
@@ -97,6 +100,7 @@ impl Model {
             maximised: self.maximised,
             layout: self.layout,
             large_slice: self.large_slice,
+            local_contrast: self.local_contrast,
             opacity: self.opacity,
             orbit_rad: self.framing.orbit,
             zoom: self.framing.zoom,
@@ -117,6 +121,7 @@ impl Model {
                 Action::Layout(view.layout),
                 Action::LargeSlice(view.large_slice),
                 Action::Maximise(view.maximised),
+                Action::LocalContrast(view.local_contrast),
                 Action::Opacity(view.opacity),
                 Action::Orbit(view.orbit_rad),
                 Action::Frame { zoom: view.zoom, pan_mm: view.pan_mm },

@@ -243,6 +243,7 @@ fn flight(given: &Remaining<'_>) -> PyResult<FlightSettings> {
         size: given.take("size")?.unwrap_or([1280, 720]),
         view: given.word("view")?.unwrap_or_default(),
         behind_mm: given.take("behind")?,
+        local_contrast: given.take("local_contrast")?.unwrap_or(0.0),
         fov_y_rad: given.take::<f32>("fov")?.unwrap_or(90.0).to_radians(),
         samples: given.take("msaa")?.unwrap_or(4),
         reverse: given.flag("reverse", false)?,

@@ -103,6 +103,8 @@ class Settings(WallSettings, CenterlineSettings, total=False):
     """Columns and rows of a frame."""
     view: Literal["inside", "translucent", "overview", "split", "cube", "panorama"]
     """View that a frame shows."""
+    local_contrast: float
+    """Share by which fine relief is raised in views from inside, 0 to 2 (default 0)."""
     behind: float | None
     """Depth of the tissue behind the wall that a frame shows, mm; the translucent view alone shows some."""
     fov: float
