@@ -19,9 +19,9 @@ const GRID: u32 = 4;
 /// Radius of a window, as a share of the columns of the view.
 const RADIUS: f32 = 1.0 / 27.0;
 /// Variance of the logarithm of depth below which smooth light is even.
-const LEAST: f32 = 0.02;
+const MIN_VARIANCE: f32 = 0.02;
 /// Largest change of the logarithm of light.
-const MOST: f32 = 0.5;
+const MAX_CHANGE: f32 = 0.5;
 
 /// Images that local contrast needs, for pictures of one size.
 pub(super) struct ContrastTargets {
@@ -105,13 +105,13 @@ impl Renderer {
             size: squares.map(|side| side as i32),
             along,
             radius: ((RADIUS * inside.width as f32 / GRID as f32).round() as i32).max(1),
-            least: LEAST,
+            least: MIN_VARIANCE,
         };
         let lay = host::contrast_lay::Params {
             size,
             grid: GRID as i32,
             raise: scene.look.local_contrast,
-            most: MOST,
+            most: MAX_CHANGE,
             ..bytemuck::Zeroable::zeroed()
         };
         let (along, down) = (blur([1, 0]), blur([0, 1]));
