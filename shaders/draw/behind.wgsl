@@ -53,11 +53,7 @@ struct Sample {
     offset: f32,
 }
 
-@vertex
-fn whole(@builtin(vertex_index) i: u32) -> @builtin(position) vec4<f32> {
-    let corner = vec2(f32((i << 1u) & 2u), f32(i & 2u));
-    return vec4(corner * 2.0 - 1.0, 0.0, 1.0);
-}
+#include "lib/whole.wgsl"
 
 fn unpacked(word: u32) -> vec2<f32> {
     let value = f32(word & 0xffffu) * (1.0 / 16.0) + FIRST_VALUE;

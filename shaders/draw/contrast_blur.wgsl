@@ -12,11 +12,7 @@ struct Params {
 var<immediate> params: Params;
 @group(0) @binding(0) var values: texture_2d<f32>;
 
-@vertex
-fn whole(@builtin(vertex_index) i: u32) -> @builtin(position) vec4<f32> {
-    let corner = vec2(f32((i << 1u) & 2u), f32(i & 2u));
-    return vec4(corner * 2.0 - 1.0, 0.0, 1.0);
-}
+#include "lib/whole.wgsl"
 
 fn mean(at: vec2<i32>) -> vec4<f32> {
     var sum = vec4(0.0);

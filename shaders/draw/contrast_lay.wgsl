@@ -14,14 +14,8 @@ var<immediate> params: Params;
 @group(0) @binding(1) var wall: texture_depth_2d;
 @group(0) @binding(2) var lines: texture_2d<f32>;
 
-const DARKEST: f32 = 0.001;
-const FARTHEST: f32 = 0.0001;
-
-@vertex
-fn whole(@builtin(vertex_index) i: u32) -> @builtin(position) vec4<f32> {
-    let corner = vec2(f32((i << 1u) & 2u), f32(i & 2u));
-    return vec4(corner * 2.0 - 1.0, 0.0, 1.0);
-}
+#include "lib/contrast.wgsl"
+#include "lib/whole.wgsl"
 
 // Slope and offset between the middles of four squares.
 fn line_at(at: vec2<f32>) -> vec2<f32> {
@@ -30,9 +24,10 @@ fn line_at(at: vec2<f32>) -> vec2<f32> {
     let low = vec2<i32>(place);
     let high = min(low + 1, most);
     let part = place - vec2<f32>(low);
-    let top = mix(textureLoad(lines, low, 0).xy, textureLoad(lines, vec2(high.x, low.y), 0).xy, part.x);
-    let below = mix(textureLoad(lines, vec2(low.x, high.y), 0).xy, textureLoad(lines, high, 0).xy, part.x);
-    return mix(top, below, part.y);
+    let top = mix(textureLoad(lines, low, 0), textureLoad(lines, vec2(high.x, low.y), 0), part.x);
+    let below =
+        mix(textureLoad(lines, vec2(low.x, high.y), 0), textureLoad(lines, high, 0), part.x);
+    return mix(top, below, part.y).xy;
 }
 
 @fragment
@@ -43,9 +38,9 @@ fn lay(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     if any(p >= params.size) || depth <= 0.0 {
         return colour;
     }
-    let light = log(max(dot(colour.rgb, vec3(0.2126, 0.7152, 0.0722)), DARKEST));
+    let light = light_of(colour.rgb);
     let line = line_at(at.xy);
-    let smooth_light = line.y - line.x * log(max(depth, FARTHEST));
+    let smooth_light = line.x * guide_of(depth) + line.y;
     let change = clamp(params.raise * (light - smooth_light), -params.most, params.most);
     let raised = colour.rgb * exp(change);
     // Of a colour that is too bright the hue stays.

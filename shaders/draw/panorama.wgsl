@@ -13,11 +13,7 @@ var<immediate> params: Params;
 
 const PI: f32 = 3.14159265;
 
-@vertex
-fn whole(@builtin(vertex_index) i: u32) -> @builtin(position) vec4<f32> {
-    let corner = vec2(f32((i << 1u) & 2u), f32(i & 2u));
-    return vec4(corner * 2.0 - 1.0, 0.0, 1.0);
-}
+#include "lib/whole.wgsl"
 
 // A place on a face, right and down, 1 at the edge of its quarter; z is the face.
 fn on_cube(d: vec3<f32>) -> vec3<f32> {

@@ -7,11 +7,7 @@ struct Params {
 var<immediate> params: Params;
 @group(0) @binding(0) var glass: texture_2d<f32>;
 
-@vertex
-fn whole(@builtin(vertex_index) i: u32) -> @builtin(position) vec4<f32> {
-    let corner = vec2(f32((i << 1u) & 2u), f32(i & 2u));
-    return vec4(corner * 2.0 - 1.0, 0.0, 1.0);
-}
+#include "lib/whole.wgsl"
 
 @fragment
 fn lay(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {

@@ -31,8 +31,8 @@ mod lumen_panel;
 mod measure;
 mod missed_panel;
 mod model;
-mod opening;
 mod notice;
+mod opening;
 mod overview_pane;
 #[cfg(test)]
 mod panel_tests;

@@ -8,6 +8,7 @@ mod missed;
 mod moves;
 mod notes;
 mod outcome;
+mod path;
 mod restored;
 mod route;
 mod sliced;
@@ -31,11 +32,11 @@ use super::action::{
 use super::coverage_recorder::SeenFaces;
 use super::finding::{Confidence, LesionShape};
 use super::grey_window::default_window;
-use super::junctions::{BranchChoice, choices};
+use super::junctions::BranchChoice;
 use super::kept_notes::{KeptOffer, RecentCase};
 use super::measure::Measurement;
 use crate::flight::CrossSection;
-use crate::flight::{Coverage, Flight, FlightPath, NoSection, SectionFigures};
+use crate::flight::{Coverage, Flight, FlightPath, NoSection};
 use crate::formats::InputInfo;
 use crate::geometry::Pose;
 use crate::organ::{ColonEnds, Glance, Organ};
@@ -402,54 +403,6 @@ impl Model {
         self.restore_eye();
     }
 
-    /// Takes another flight along the same centerline, with its sections; the eye keeps its place.
-    pub fn take_branch(
-        &mut self,
-        flight: Flight,
-        sections: &[Option<SectionFigures>],
-        route: FlightRoute,
-    ) {
-        self.is_planned_path = false;
-        self.set_path(&flight, route);
-        self.set_sections(sections);
-        self.set_coverage(None);
-        (self.branch_flight, self.is_uncovered) = (Some(Arc::new(flight)), true);
-        self.restore_eye();
-        self.go_on_along(route);
-    }
-
-    /// Begins at a place on the path, at once or when there is one.
-    pub(super) fn start_at(&mut self, arc_mm: f64) {
-        self.start_mm = arc_mm;
-        self.seek(arc_mm);
-    }
-
-    /// Returns the place of the eye on the path, or that to begin at, mm.
-    pub(super) fn place_on_path_mm(&self) -> f64 {
-        let is_there = self.path.is_some() && self.restoring.is_none();
-        if is_there { self.arc_mm } else { self.start_mm }
-    }
-
-    /// Puts a flight in the place of the path.
-    fn set_path(&mut self, flight: &Flight, route: FlightRoute) {
-        let Some(centerline) = self.products.centerline.clone() else { return };
-        let Some(path) = FlightPath::new(flight, &centerline.line) else { return };
-        let stays = self.pose.filter(|_| self.path.is_some());
-        let start = stays.map_or(self.start_mm, |p| path.nearest_to(p.position_mm.as_dvec3()));
-        self.route = route;
-        self.choices = choices(&centerline.line, &path, route);
-        self.path = Some(path);
-        self.name_ends();
-        (self.goal_mm, self.gaze_mm, self.way) = (None, None, None);
-        if self.on_path {
-            self.seek_while(start, self.playing);
-        }
-    }
-
-    fn set_sections(&mut self, sections: &[Option<SectionFigures>]) {
-        self.path.iter_mut().for_each(|path| path.set_sections(sections));
-    }
-
     /// Before there is a path, the eye is where the wall is farthest.
     fn stand_in_the_widest_place(&mut self) {
         let (Some(lumen), Some(fields)) = (&self.products.lumen, &self.products.fields) else {
@@ -485,34 +438,6 @@ impl Model {
     /// Whether the last frame belonged to a drag, or to a text that is typed.
     pub(super) fn is_in_gesture(&self) -> bool {
         self.history.is_in_gesture()
-    }
-
-    /// Length of the path up to a noted place, mm; `None` where the path that is flown does not pass
-    /// there.
-    pub(super) fn arc_of(&self, noted: &Bookmark) -> Option<f64> {
-        /// Farthest from its place.
-        const NEAR_MM: f32 = 1.0;
-        let (arc, path) = (noted.arc_mm?, self.path.as_ref()?);
-        let place = DVec3::from(noted.position_mm);
-        let is_there =
-            |arc: f64| path.pose_at(arc).position_mm.distance(place.as_vec3()) <= NEAR_MM;
-        // The path may have been counted otherwise when it was noted.
-        is_there(arc)
-            .then_some(arc)
-            .or_else(|| Some(path.nearest_to(place)).filter(|a| is_there(*a)))
-    }
-
-    /// Place of the path that a noted eye was beside, mm; `None` where the path does not pass it within
-    /// the lumen.
-    pub(super) fn arc_beside(&self, noted: &Bookmark) -> Option<f64> {
-        /// As far from the path an eye is beside it in any lumen, mm.
-        const BESIDE_MM: f64 = 3.0;
-        self.arc_of(noted).or_else(|| {
-            let (path, place) = (self.path.as_ref()?, DVec3::from(noted.position_mm));
-            let arc = path.nearest_to(place);
-            let away = path.pose_at(arc).position_mm.as_dvec3().distance(place);
-            (away <= path.radius_at(arc).max(BESIDE_MM)).then_some(arc)
-        })
     }
 
     /// Forgets notes and what led to them, before those of a file take their place.

@@ -9,9 +9,10 @@ use crate::flight::Flight;
 use crate::formats::{FormatError, VideoWriter, shown};
 use crate::session::{FlightRoute, Recording, Session, SessionError, is_frame_file};
 
-/// Draws a flight, the session's if `None`, into a new folder `STEM-1`, `STEM-2`, … and a video of that name;
-/// returns where it is. Where it does not end, nothing is left of it, and flights that were
-/// saved before stay.
+/// Draws a flight into a new folder `STEM-1`, `STEM-2`, … and a video of that name; returns where both
+/// are. A flight that is not drawn to its end leaves no file, and flights that were saved before stay.
+///
+/// * `flight`: the session's flight where `None`.
 ///
 /// # Errors
 /// As [`Session::record`]; [`FormatError::Io`] if there can be no folder.
@@ -132,7 +133,7 @@ mod tests {
         assert!(matches!(stopped, Err(SessionError::Cancelled)), "{stopped:?}");
         assert_eq!(names(), before);
         assert_eq!(std::fs::read_dir(&first).unwrap().count(), 100);
-        // What was stopped can be asked for again; of another flight as well.
+        // After a stop a flight can be saved again, and another flight as well.
         cancel.reset();
         let mut other = (*session.flight().unwrap()).clone();
         other.poses.truncate(10);

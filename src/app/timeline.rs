@@ -38,8 +38,8 @@ fn about(path: &FlightPath) -> String {
     };
     format!(
         "Bars: least distance of the path to the wall. Line: radius of a circle as large as the \
-         cross-section; none where the plane runs along the lumen. Dots: findings, with a ring where the flight looks at them. Diamonds: missed \
-         wall. Triangles: branches.{cuts}"
+         cross-section; none where the plane runs along the lumen. Dots: findings, with a \
+         ring where the flight looks at them. Diamonds: missed wall. Triangles: branches.{cuts}"
     )
 }
 

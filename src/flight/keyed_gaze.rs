@@ -127,7 +127,7 @@ mod tests {
         let none = KeyedGaze::new(&path, []);
         assert!(none.is_empty());
         assert_eq!(none.turn_at(50.0), Quat::IDENTITY);
-        // A gaze at an end counts for the end, and a rotation that is none for nothing.
+        // A gaze at the end of the path is the gaze of the end; a rotation that is not finite is left out.
         let aside = Pose::looking(Vec3::ZERO, Vec3::Y, Vec3::Z).rotation;
         let wrong = Quat::from_xyzw(f32::NAN, 0.0, 0.0, 1.0);
         let keyed = KeyedGaze::new(&path, [(100.0, aside), (10.0, wrong)]);

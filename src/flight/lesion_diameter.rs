@@ -1,4 +1,4 @@
-//! Largest diameter of what protrudes into the lumen about a place of its wall.
+//! Largest diameter of a lesion that stands out of the wall into the lumen.
 
 use std::collections::HashMap;
 
@@ -13,14 +13,15 @@ const CENTRINGS: usize = 3;
 const PLANES: usize = 36;
 /// Farthest edge of a lesion from the place, mm along the wall.
 const MAX_REACH_MM: f64 = 40.0;
-/// Least inclination of a flank, degrees, and by how much the wall has to level out behind it.
+/// Least inclination of a flank, and the inclination by which the wall has to level out behind the
+/// flank, degrees.
 const MIN_FLANK_DEG: f64 = 35.0;
 const LEVELS_OUT_DEG: f64 = 25.0;
 /// Share of the planes in which both edges have to be found.
 const MIN_BOUNDED: f64 = 0.8;
-/// Largest ratio of the diameters in two planes: what is longer is the ridge of a fold.
+/// Largest ratio of the diameters in two planes: a longer form is the ridge of a fold.
 const MAX_ELONGATION: f64 = 3.0;
-/// Length over which the inclination is taken, mm, and in voxels if they are larger.
+/// Length over which the inclination is taken, mm; a voxel where voxels are larger.
 const MIN_BASE_MM: f64 = 1.0;
 
 /// Diameter of a lesion.
@@ -32,11 +33,11 @@ pub struct LesionDiameter {
     pub bounded: f64,
 }
 
-/// What the planes through a place show.
+/// Diameters and edges of a lesion in the planes through a place.
 struct Around {
     /// Ends of the largest diameter in each plane where both edges were found.
     diameters: Vec<[DVec3; 2]>,
-    /// Edges, once round the place; missing ones left out.
+    /// Edges of the lesion, once round the place; edges that were not found are left out.
     ring: Vec<DVec3>,
 }
 

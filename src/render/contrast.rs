@@ -5,12 +5,11 @@
 //! The guided filter (He, Sun & Tang 2013, doi:10.1109/TPAMI.2012.213) of the logarithm of light, guided
 //! by that of depth, on means of squares of pixels (fast guided filter, He & Sun 2015, arXiv:1505.00996).
 
+use super::pipelines::{PICTURE, STATISTICS};
 use super::renderer::Renderer;
-use super::scene::{Scene, Shot, View};
+use super::scene::{Scene, View};
 use super::{RenderError, host};
 use crate::vk::{Area, Draw, DrawPipelineId, DrawRange, Gpu, ImageId, ImageSpec, Pass, Releaser};
-
-use super::pipelines::{PICTURE, STATISTICS};
 
 /// Largest share by which light may depart farther from smooth light.
 pub const MAX_LOCAL_CONTRAST: f32 = 2.0;
@@ -81,12 +80,14 @@ impl Renderer {
     /// Returns the passes that raise the contrast of a finished picture, and lay it into
     /// [`ContrastTargets::lit`].
     ///
+    /// * `raise`: of [`Look::local_contrast`](super::Look::local_contrast).
     /// * `inside`: the inside view's part of the picture, from the first pixel.
-    pub(super) fn contrast_passes(&self, scene: &Scene, shot: &Shot, inside: Area) -> Vec<Pass> {
-        let Some(images) = &self.contrast else { return Vec::new() };
-        if !Self::raises_contrast(scene, shot.view) {
-            return Vec::new();
-        }
+    pub(super) fn contrast_passes(
+        &self,
+        images: &ContrastTargets,
+        raise: f32,
+        inside: Area,
+    ) -> Vec<Pass> {
         let targets = &self.targets;
         let [first, second] = images.squares;
         let (picture, depth, p) = (targets.picture, targets.kept_depth, &self.pipelines);
@@ -110,7 +111,7 @@ impl Renderer {
         let lay = host::contrast_lay::Params {
             size,
             grid: GRID as i32,
-            raise: scene.look.local_contrast,
+            raise,
             most: MAX_CHANGE,
             ..bytemuck::Zeroable::zeroed()
         };

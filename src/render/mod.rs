@@ -13,6 +13,7 @@ mod overlay;
 mod overview;
 mod picture;
 mod pipelines;
+mod placed_mesh;
 mod refined_faces;
 mod renderer;
 mod scene;

@@ -23,7 +23,7 @@ impl Session {
     /// Coverage by another flight than the session's; it is not kept.
     ///
     /// # Errors
-    /// What the stages fail with.
+    /// The errors of the stages that make the wall; [`SessionError::Cancelled`].
     pub fn coverage_along(&self, flight: &Flight) -> Result<Coverage, SessionError> {
         let (wall, tree, exterior) = (self.wall()?, self.triangle_tree()?, self.exterior()?);
         let seen = || {

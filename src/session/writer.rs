@@ -52,8 +52,9 @@ impl Stamp {
     /// Grey of the text.
     const TEXT: u32 = 210;
 
-    /// Marks a picture: eight bits each of red, green and blue. The ground of the text is half as
-    /// bright as the picture was. What the picture has no room for is left out.
+    /// Marks a picture: eight bits each of red, green and blue. The picture under the text
+    /// is made half as bright. Where the picture is smaller than the text, the rest of the text is left
+    /// out.
     pub(super) fn mark(&self, [width, height]: [u32; 2], rgb: &mut [u8]) {
         let [columns, rows] = self.size;
         let below = rows.saturating_sub(height) as usize;

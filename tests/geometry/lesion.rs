@@ -2,7 +2,8 @@
 
 use std::sync::Arc;
 
-use glam::{DVec3, UVec3};
+use common::volumes::noise;
+use glam::DVec3;
 use intima::flight::LesionDiameter;
 use intima::lumen::IntensitySelection;
 use intima::session::{Session, Settings, Source, VolumeSource};
@@ -54,12 +55,6 @@ fn session(form: Form) -> Session {
     let reach = DVec3::new(TUBE + 4.0, TUBE + 4.0, HALF + 4.0);
     let dims = (2.0 * reach / SPACING).ceil().as_uvec3();
     let grid = Grid { origin_mm: -reach, ..Grid::axis_aligned(dims.to_array(), [SPACING; 3]) };
-    let noise = |v: UVec3| {
-        let mix = |n: u32| (n ^ n >> 16).wrapping_mul(0x045d_9f3b).rotate_left(13);
-        let word = mix(mix(mix(v.x ^ 5) ^ v.y) ^ v.z);
-        let sum: u32 = (0..4).map(|k| mix(word ^ k) >> 8 & 0xffff).sum();
-        20.0 * (f64::from(sum) / 65536.0 - 2.0) / (4.0f64 / 12.0).sqrt()
-    };
     let value = |i: usize| {
         let v = grid.voxel(i);
         let p = grid.world_from_voxel().transform_point3(v.as_dvec3());
@@ -67,7 +62,7 @@ fn session(form: Form) -> Session {
         let lumen = tube.max(-form(p));
         // The normal distribution's integral, by a logistic curve of the same slope.
         let gas = 1.0 / (1.0 + (lumen / 0.6 * 1.6).exp());
-        (40.0 - 990.0 * gas + noise(v)).round() as i16
+        (40.0 - 990.0 * gas + 20.0 * noise(v, 5)).round() as i16
     };
     let values: Vec<i16> = (0..grid.len()).map(value).collect();
     let mut settings = Settings::default();

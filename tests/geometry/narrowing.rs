@@ -1,6 +1,7 @@
 //! Narrow places of a phantom artery with known losses of diameter.
 
-use glam::{DVec3, UVec3};
+use common::volumes::noise;
+use glam::DVec3;
 use intima::lumen::IntensitySelection;
 use intima::session::{Session, Settings, Source, VolumeSource};
 use intima::volume::{Grid, Volume};
@@ -47,19 +48,12 @@ fn scan() -> Volume {
     let (low, high) = (DVec3::new(-108.0, -9.0, 50.0), DVec3::new(108.0, 40.0, 128.0));
     let dims = ((high - low) / SPACING).ceil().as_uvec3();
     let grid = Grid { origin_mm: low, ..Grid::axis_aligned(dims.to_array(), [SPACING; 3]) };
-    let noise = |v: UVec3| {
-        let mix = |n: u32| (n ^ n >> 16).wrapping_mul(0x045d_9f3b).rotate_left(13);
-        let word = mix(mix(mix(v.x ^ 77) ^ v.y) ^ v.z);
-        // A sum of four uniform numbers.
-        let sum: u32 = (0..4).map(|k| mix(word ^ k) >> 8 & 0xffff).sum();
-        20.0 * (f64::from(sum) / 65536.0 - 2.0) / (4.0f64 / 12.0).sqrt()
-    };
     let value = |i: usize| {
         let v = grid.voxel(i);
         let off = wall(grid.world_from_voxel().transform_point3(v.as_dvec3()));
         // The normal distribution's integral, by a logistic curve of the same slope.
         let inside = 1.0 / (1.0 + (1.702 * off / 0.55).exp());
-        (40.0 + 310.0 * inside + noise(v)).round() as i16
+        (40.0 + 310.0 * inside + 20.0 * noise(v, 77)).round() as i16
     };
     Volume::new(grid, (0..grid.len()).map(value).collect::<Vec<i16>>().into())
 }

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use common::cast::Cast;
+use common::colour::{linear, srgb};
 use glam::{DVec3, Quat, Vec3};
 use intima::behind::BehindWall;
 use intima::geometry::{Lens, Pose};
@@ -156,15 +157,6 @@ fn a_volume_read_in_parts_shows_the_same_tissue() {
 
 const SIZE: [u32; 2] = [96, 72];
 
-fn linear(byte: u8) -> f32 {
-    let c = f32::from(byte) / 255.0;
-    if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
-}
-
-fn srgb(c: f32) -> f32 {
-    255.0 * if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * c.powf(1.0 / 2.4) - 0.055 }
-}
-
 #[test]
 fn the_picture_is_what_the_twin_sees() {
     let Some(mut gpu) = common::gpu(Validate::Sync) else { return };
@@ -197,12 +189,15 @@ fn the_picture_is_what_the_twin_sees() {
                 let way = (pose.rotation * at).normalize();
                 let hit = cast.ray(EYE, way.as_dvec3()).expect("a closed wall");
                 let laid = laid_over(&behind, &pose, hit.point, way);
-                let want: [f32; 3] =
-                    std::array::from_fn(|c| laid.0[c] + (1.0 - laid.1) * linear(plain[3 * i + c]));
-                let d = |c: usize| (srgb(want[c].min(1.0)) - f32::from(got[3 * i + c])).abs();
+                let want: [f32; 3] = std::array::from_fn(|c| {
+                    laid.0[c] + (1.0 - laid.1) * linear(plain[3 * i + c]) as f32
+                });
+                let d = |c: usize| {
+                    (srgb(f64::from(want[c].min(1.0))) - f64::from(got[3 * i + c])).abs()
+                };
                 off.push(d(0).max(d(1)).max(d(2)));
             }
-            off.sort_by(f32::total_cmp);
+            off.sort_by(f64::total_cmp);
             let (p50, p98) = (off[off.len() / 2], off[off.len() * 98 / 100]);
             println!("{samples} samples, ball {ball}: off by {p50:.2} (median), {p98:.2} (98 %)");
             // With four samples the place of a pixel is that of one of them.

@@ -1,6 +1,7 @@
-//! Local contrast of inside views beside a twin in double precision, and what it leaves as it is.
+//! Local contrast of inside views beside a twin in double precision, and views without it.
 
 use common::cast::Cast;
+use common::colour::{linear, srgb};
 use glam::DVec3;
 use intima::geometry::{Lens, Mesh, Pose};
 use intima::lumen::IntensitySelection;
@@ -38,15 +39,6 @@ fn scene(mesh: MeshHandle, local_contrast: f32) -> Scene {
 
 fn rendered(gpu: &mut Gpu, r: &mut Renderer, scene: &Scene, pose: Pose, view: View) -> Vec<u8> {
     r.render(gpu, scene, &shot(pose, view)).unwrap()
-}
-
-fn linear(byte: u8) -> f64 {
-    let c = f64::from(byte) / 255.0;
-    if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
-}
-
-fn srgb(c: f64) -> f64 {
-    255.0 * if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * c.powf(1.0 / 2.4) - 0.055 }
 }
 
 fn luminance(rgb: &[u8]) -> f64 {

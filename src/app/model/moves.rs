@@ -1,17 +1,14 @@
 //! Motion of the eye: along the path, to a place on it, or by hand.
 
-use std::sync::Arc;
-
-use glam::{DVec3, Quat, Vec3};
+use glam::DVec3;
 
 use super::super::junctions::BranchChoice;
-use super::{Bookmark, Model};
+use super::Model;
 use crate::flight::{
-    Clearance, CrossSection, Flight, FlightPath, KeyedGaze, NoSection, SectionFigures,
-    WallDistance, collide_and_slide, cross_section,
+    Clearance, CrossSection, NoSection, SectionFigures, WallDistance, collide_and_slide,
+    cross_section,
 };
 use crate::geometry::{Lens, Pose};
-use crate::session::FlightRoute;
 
 /// Least speed at which the eye flies to a place that was clicked, mm/s.
 const MIN_APPROACH_MM_S: f64 = 60.0;
@@ -113,47 +110,6 @@ impl Model {
         let pose = self.pose_on_path(path, self.arc_mm);
         (self.on_path, self.playing, self.goal_mm, self.gaze_mm) = (true, playing, None, None);
         self.place(pose);
-    }
-
-    /// Returns the pose of the flight at a place of the path, with the gazes that were set.
-    fn pose_on_path(&self, path: &FlightPath, arc_mm: f64) -> Pose {
-        let pose = path.pose_at(arc_mm);
-        let keyed = self.keyed_gaze(path);
-        match keyed.is_empty() {
-            true => pose,
-            false => Pose { rotation: (pose.rotation * keyed.turn_at(arc_mm)).normalize(), ..pose },
-        }
-    }
-
-    /// Gazes at the findings that the flight looks at in passing.
-    fn keyed_gaze(&self, path: &FlightPath) -> KeyedGaze {
-        let keyed = self.bookmarks.iter().filter(|b| b.in_flight);
-        KeyedGaze::new(path, keyed.filter_map(|finding| self.gaze_at(path, finding)))
-    }
-
-    /// Place of the path beside a finding, mm, and the camera that looks from there at the finding, level
-    /// as the flight is; the camera of the noted view where no wall was seen. `None` for a finding that
-    /// the path does not pass.
-    fn gaze_at(&self, path: &FlightPath, finding: &Bookmark) -> Option<(f64, Quat)> {
-        let arc = self.arc_beside(finding)?;
-        let pose = path.pose_at(arc);
-        let to_wall = finding.wall_mm.map(|wall| DVec3::from(wall).as_vec3() - pose.position_mm);
-        let looking = |to: Vec3| Pose::looking(pose.position_mm, to, pose.up()).rotation;
-        let at_wall = to_wall.filter(|to| to.length() > 1e-3).map(looking);
-        let as_noted = || Quat::from_array(finding.rotation.map(|v| v as f32)).normalize();
-        Some((arc, at_wall.unwrap_or_else(as_noted)))
-    }
-
-    /// Returns the flight as it is flown, with its route and the gazes that were set.
-    pub(in super::super) fn flown_flight(&self) -> Option<(FlightRoute, Arc<Flight>)> {
-        let planned = self.products.flight.as_ref().filter(|_| self.is_planned_path);
-        let flight = planned.or(self.branch_flight.as_ref())?;
-        let keyed = self.path.as_ref().map(|path| self.keyed_gaze(path)).unwrap_or_default();
-        let flight = match keyed.is_empty() {
-            true => Arc::clone(flight),
-            false => Arc::new(keyed.turned(flight)),
-        };
-        Some((self.route, flight))
     }
 
     /// Sets out to a place on the path, from where it was left.

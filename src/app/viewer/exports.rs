@@ -71,8 +71,8 @@ impl OpenCase {
         self.show_written(written.map(|path| wrote(&path)));
     }
 
-    /// Draws the flight as it is flown into a new folder of the export folder and, where there is ffmpeg, a video
-    /// beside it. One flight at a time.
+    /// Draws the flight that is shown, its branch and its gazes included, into a new folder of the export
+    /// folder. Where there is ffmpeg, a video lies beside the folder. One flight at a time.
     pub(super) fn export_flight(&mut self) -> Result<(), SessionError> {
         let Frames::Speed { fps, .. } = self.options.settings.flight.frames else { return Ok(()) };
         if self.is_saving() {

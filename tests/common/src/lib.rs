@@ -3,6 +3,7 @@
 
 pub mod cast;
 pub mod child;
+pub mod colour;
 pub mod curves;
 pub mod fixtures;
 pub mod fly;

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use glam::{DMat3, DQuat, DVec3};
+use glam::{DMat3, DQuat, DVec3, UVec3};
 use intima::formats::{FormatError, ReadOptions, read_volume};
 use intima::volume::{Grid, Volume};
 
@@ -255,6 +255,15 @@ pub fn dicom_slice(s: &Slice) -> Vec<u8> {
     let pixels: Vec<u8> = s.pixels.iter().flat_map(|p| p.to_le_bytes()).collect();
     put(&mut out, s.implicit, (0x7fe0, 0x0010), "OW", &pixels);
     out
+}
+
+/// Noise of a voxel with a standard deviation of 1, the same in every run: a sum of four uniform
+/// numbers.
+pub fn noise(v: UVec3, seed: u32) -> f64 {
+    let mix = |n: u32| (n ^ n >> 16).wrapping_mul(0x045d_9f3b).rotate_left(13);
+    let word = mix(mix(mix(v.x ^ seed) ^ v.y) ^ v.z);
+    let sum: u32 = (0..4).map(|k| mix(word ^ k) >> 8 & 0xffff).sum();
+    (f64::from(sum) / 65536.0 - 2.0) / (4.0f64 / 12.0).sqrt()
 }
 
 /// The folder of real volumes, where this machine has it. With `INTIMA_REQUIRE_DATA=1` it must.
