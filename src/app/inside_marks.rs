@@ -82,8 +82,9 @@ fn offered_branches(painter: &Painter, labels: &mut Labels<'_>, taken: &[Rect], 
             n => format!("other branches: keys 1 to {}", n.min(BRANCH_KEYS.len())),
         };
         let [high, low] = [8.0, 28.0].map(|y| rect.center_top() + vec2(0.0, y));
-        let anchor = Align2::CENTER_TOP;
-        labels.put(&keys, 13.0, ACCENT, &[(high, anchor), (low, anchor)]);
+        let (anchor, left) = (Align2::CENTER_TOP, rect.left_top() + vec2(8.0, 28.0));
+        let places = [(high, anchor), (low, anchor), (left, Align2::LEFT_TOP)];
+        labels.put(&keys, 13.0, ACCENT, &places);
     }
 }
 

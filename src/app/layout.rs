@@ -121,11 +121,15 @@ impl Half {
 /// The inside view with the overview in its corner and its controls below.
 fn with_inset(place: Rect) -> Places {
     let mut all = with_transport(place);
-    let inside = all.panes[0].1;
+    all.panes.push((Pane::Overview, inset(all.panes[0].1)));
+    all
+}
+
+/// The place of the overview in the corner of the inside view.
+pub(super) fn inset(inside: Rect) -> Rect {
     let side = (INSET.0 * inside.width().min(inside.height())).min(INSET.1).round();
     let corner = inside.right_top() + vec2(-side - 6.0, 6.0);
-    all.panes.push((Pane::Overview, Rect::from_min_size(corner, Vec2::splat(side))));
-    all
+    Rect::from_min_size(corner, Vec2::splat(side))
 }
 
 fn columns(whole: Rect) -> [Rect; 2] {

@@ -61,6 +61,12 @@ impl DrawnPane {
         self.scene.is_some() && (self.is_coarse || self.drawn != Some(now))
     }
 
+    /// Whether the picture shows the same scene from elsewhere.
+    fn has_only_moved(&self, shot: Shot, size: [u32; 2]) -> bool {
+        let moved = |d: Drawn| d == Drawn { shot: d.shot, size, scene: self.version };
+        !self.is_coarse && self.drawn.is_some_and(|d| d.shot != shot && moved(d))
+    }
+
     /// Draws a shot unless it is what the picture shows; whether it was drawn.
     fn draw(&mut self, gpu: &mut Gpu, shot: Shot, size: [u32; 2]) -> Result<bool, RenderError> {
         let Some(scene) = self.scene.filter(|_| self.is_stale(shot, size)) else {
@@ -146,6 +152,8 @@ pub struct Panes {
     refines_at_rest: bool,
     /// Whether the inside view was shown in the last frame.
     shows_inside: bool,
+    /// Whether the overview is a frame behind the eye.
+    is_overview_behind: bool,
 }
 
 /// Time that a view rests before it is drawn with more samples, where the device draws slowly.
@@ -181,6 +189,7 @@ impl Panes {
             is_paint_old: false,
             refines_at_rest: samples == 1,
             shows_inside: false,
+            is_overview_behind: false,
         })
     }
 
@@ -293,7 +302,13 @@ impl Panes {
             let lens = model.lens();
             let shot =
                 Shot { view: View::Overview, pose, lens, progress: share as f32, room_mm: None };
-            any |= self.overview.draw(gpu, shot, size)?;
+            // Its wall is drawn whole: where the device draws slowly, in every other frame of a motion.
+            let may_wait = self.refines_at_rest && detail == Detail::Live;
+            let moved = may_wait && self.overview.has_only_moved(shot, size);
+            self.is_overview_behind = moved && !self.is_overview_behind;
+            if !self.is_overview_behind {
+                any |= self.overview.draw(gpu, shot, size)?;
+            }
         }
         Ok(any)
     }
@@ -372,12 +387,13 @@ impl Panes {
         Ok(())
     }
 
-    /// Whether a pane waits for a part of its picture: new colours, the wall of the overview, or faces
-    /// as fine as the camera asks.
+    /// Whether a pane waits for a part of its picture: new colours, the wall of the overview or the eye
+    /// in it, or faces as fine as the camera asks.
     pub fn is_settling(&self) -> bool {
         let is_drawn = self.shows_inside && self.inside.drawn.is_some();
         let rests = self.refines_at_rest && is_drawn && self.inside.fineness == 1;
-        self.is_paint_old || self.is_glass_next || self.inside.is_coarse || rests
+        let is_behind = self.is_glass_next || self.is_overview_behind;
+        self.is_paint_old || is_behind || self.inside.is_coarse || rests
     }
 
     /// The inside view as it was drawn last: columns, rows, RGB. Waits for the device.
@@ -466,6 +482,41 @@ mod tests {
         assert_eq!(draw(&mut panes, &model), (true, rested));
         model.step(0.0, &[Action::Turn([0.2, 0.0, 0.0])]);
         assert!(!draw(&mut panes, &model).0, "one that moves is not waited for");
+    }
+
+    /// The whole wall of the overview was drawn in each frame of a flight.
+    #[test]
+    fn the_overview_follows_a_moving_eye_in_every_other_frame_and_catches_up_where_it_stops() {
+        let Ok(mut gpu) = Gpu::open(Choice::Any) else {
+            assert!(std::env::var_os("INTIMA_REQUIRE_GPU").is_none(), "a device");
+            return;
+        };
+        let (mut model, session) = flown_model(Kind::Bend, |_| {});
+        model.products.prepared_wall = Some(session.prepared_wall().unwrap());
+        for (samples, detail, behind) in [
+            (1, Detail::Live, [true, false, true, false]),
+            (1, Detail::Settled, [false; 4]),
+            (4, Detail::Live, [false; 4]),
+        ] {
+            let mut panes = Panes::new(&mut gpu, samples).unwrap();
+            panes.take(&mut gpu, &model.products).unwrap();
+            let mut is_behind = |panes: &mut Panes, model: &Model| {
+                panes.draw(&mut gpu, model, (Some([64, 48]), Some([32, 24])), detail).unwrap();
+                let is_old = panes.overview.drawn.map(|d| Some(d.shot.pose) != model.pose);
+                assert!(is_old.is_none_or(|is_old| is_old == panes.is_overview_behind));
+                panes.is_overview_behind
+            };
+            // The wall of the overview comes a frame after that of the inside view.
+            while is_behind(&mut panes, &model) || panes.is_glass_next {}
+            for expected in behind {
+                model.step(0.0, &[Action::Turn([0.1, 0.0, 0.0])]);
+                let now = is_behind(&mut panes, &model);
+                assert_eq!(now, expected, "{samples} samples, {detail:?}");
+            }
+            model.step(0.0, &[Action::Turn([0.1, 0.0, 0.0])]);
+            is_behind(&mut panes, &model);
+            assert!(!is_behind(&mut panes, &model), "an eye that stopped");
+        }
     }
 
     /// Two cases in one window draw four pictures a frame: "no room to stage 877264 bytes".

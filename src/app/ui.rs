@@ -128,7 +128,13 @@ pub fn window(ui: &mut Ui, cases: &mut [CaseUi<'_>], pair: PairState) {
     }
     let hides_panel = model.hides_panel;
     egui::CentralPanel::no_frame().show(ui, |ui| {
-        let whole = ui.max_rect();
+        let mut whole = ui.max_rect();
+        if hides_panel {
+            // The panel has it otherwise: pictures of the window bear it in any case.
+            let font = FontId::proportional(10.0);
+            ui.painter().text(whole.center_bottom(), Align2::CENTER_BOTTOM, NOTICE, font, FAINT);
+            whole.max.y -= NOTICE_ROW;
+        }
         if is_pair {
             for (i, half) in halves(whole).into_iter().enumerate() {
                 ui.push_id(i, |ui| half_of_pair(ui, half, cases, i, pair));
@@ -137,13 +143,6 @@ pub fn window(ui: &mut Ui, cases: &mut [CaseUi<'_>], pair: PairState) {
             let model = cases[0].model;
             let places = places(whole, model.layout, model.large_slice, model.maximised);
             show_places(ui, &places, &mut cases[0], 0);
-        }
-        if hides_panel {
-            // The panel has it otherwise: pictures of the window bear it in any case.
-            let at = whole.center_top() + vec2(0.0, 4.0);
-            let (font, top) = (FontId::proportional(10.0), egui::Order::Foreground);
-            let layer = egui::LayerId::new(top, egui::Id::new("notice"));
-            ui.ctx().layer_painter(layer).text(at, Align2::CENTER_TOP, NOTICE, font, FAINT);
         }
     });
     // Of all cases the active one first: one question at a time.
@@ -241,6 +240,8 @@ fn show_places(ui: &mut Ui, places: &Places, case: &mut CaseUi<'_>, number: usiz
 
 /// Width of the panel on the right, points; it can be drawn to twice as much.
 const PANEL: f32 = 250.0;
+/// Height of the notice below the panes where that panel is hidden, points.
+const NOTICE_ROW: f32 = 14.0;
 
 /// Lays out controls in a row of the window.
 fn row(ui: &mut Ui, rect: Rect, controls: impl FnOnce(&mut Ui)) {

@@ -89,12 +89,16 @@ fn line(a: DVec2, b: DVec2, [width, height]: [usize; 2], out: &mut [[u8; 3]]) {
             let from_a = DVec2::new(x as f64 + 0.5, y as f64 + 0.5) - a;
             let share = (from_a.dot(along) / length2).clamp(0.0, 1.0);
             let off = (from_a - share * along).length();
-            let alpha = (HALF_WIDTH + 0.5 - off).clamp(0.0, 1.0);
+            let alpha = (HALF_WIDTH + 0.5 - off).min(1.0);
+            if alpha <= 0.0 {
+                continue;
+            }
             let pixel = &mut out[y * width + x];
             for (shown, line) in pixel.iter_mut().zip(OUTLINE) {
                 // Of lines that meet in a pixel the nearer one counts, not their sum.
-                let mixed = (f64::from(*shown) * (1.0 - alpha) + f64::from(line) * alpha).round();
-                *shown = mixed as u8;
+                let mixed = f64::from(*shown) * (1.0 - alpha) + f64::from(line) * alpha;
+                // Rounded by truncation, which is no call.
+                *shown = (mixed + 0.5) as u8;
             }
         }
     }
