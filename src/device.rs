@@ -16,7 +16,7 @@ pub enum DeviceChoice {
     Cpu,
     /// First real GPU, else software Vulkan.
     Gpu,
-    /// GPU of that index in `intima devices`.
+    /// GPU of that index in `intima devices`; by a part of its name too (`gpu:NAME`).
     GpuAt(usize),
 }
 
@@ -28,12 +28,36 @@ impl FromStr for DeviceChoice {
             "auto" => Ok(Self::Auto),
             "cpu" => Ok(Self::Cpu),
             "gpu" => Ok(Self::Gpu),
-            _ => s
-                .strip_prefix("gpu:")
-                .and_then(|n| n.parse().ok())
-                .map(Self::GpuAt)
-                .ok_or_else(|| format!("`{s}` is none of auto, cpu, gpu, gpu:N")),
+            _ => match s.strip_prefix("gpu:").filter(|which| !which.is_empty()) {
+                None => Err(format!("`{s}` is none of auto, cpu, gpu, gpu:N, gpu:NAME")),
+                Some(which) => {
+                    which.parse().map_or_else(|_| Self::named(which), |n| Ok(Self::GpuAt(n)))
+                }
+            },
         }
+    }
+}
+
+impl DeviceChoice {
+    /// The one device of this machine whose name holds a text: places in the list change with drivers
+    /// and layers.
+    fn named(part: &str) -> Result<Self, String> {
+        let devices = crate::vk::list().map_err(|e| e.to_string())?;
+        let names: Vec<&str> = devices.iter().map(|d| d.name.as_str()).collect();
+        only_with(part, &names).map(Self::GpuAt)
+    }
+}
+
+/// Returns the place of the one name that holds a text, whatever the case of its letters.
+fn only_with(part: &str, names: &[&str]) -> Result<usize, String> {
+    let holds = |name: &str| name.to_lowercase().contains(&part.to_lowercase());
+    let mut found = (0..names.len()).filter(|i| holds(names[*i]));
+    match (found.next(), found.next()) {
+        (Some(only), None) => Ok(only),
+        (Some(_), Some(_)) => {
+            Err(format!("several devices are named `{part}`: {}", names.join("; ")))
+        }
+        (None, _) => Err(format!("no device is named `{part}`: {}", names.join("; "))),
     }
 }
 
@@ -217,15 +241,25 @@ impl Device {
 
 #[cfg(test)]
 mod tests {
-    use super::DeviceChoice;
+    use super::{DeviceChoice, only_with};
 
     #[test]
     fn a_device_choice_reads_as_it_writes() {
         for s in ["auto", "cpu", "gpu", "gpu:0", "gpu:12"] {
             assert_eq!(s.parse::<DeviceChoice>().unwrap().to_string(), s);
         }
-        for s in ["", "GPU", "gpu:", "gpu:-1", "gpu:x", "cuda"] {
+        for s in ["", "GPU", "gpu:", "gpu:no such device", "cuda"] {
             assert!(s.parse::<DeviceChoice>().is_err(), "`{s}`");
         }
+    }
+
+    #[test]
+    fn a_device_is_chosen_by_a_part_of_its_name_that_no_other_has() {
+        let names = ["NVIDIA H100", "AMD Radeon (RADV)", "AMD Radeon (AMDVLK)"];
+        assert_eq!(only_with("h100", &names), Ok(0));
+        assert_eq!(only_with("RADV", &names), Ok(1));
+        assert!(only_with("radeon", &names).unwrap_err().starts_with("several devices"));
+        assert!(only_with("Intel", &names).unwrap_err().contains("NVIDIA H100; AMD"));
+        assert!(only_with("Intel", &[]).is_err());
     }
 }

@@ -50,7 +50,7 @@ impl AppError {
         match self {
             Self::Vulkan(e) => e.is_lost(),
             Self::Render(RenderError::Vulkan(e)) => e.is_lost(),
-            Self::Session(SessionError::Render(RenderError::Vulkan(e))) => e.is_lost(),
+            Self::Session(e) => e.is_device_lost(),
             _ => false,
         }
     }

@@ -14,11 +14,11 @@ use crate::session::{Settings, peak_memory_mb, refuse_above};
 /// Global flags.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Global {
-    /// Device that computes: auto, cpu, gpu or gpu:N
+    /// Device that computes: auto, cpu, gpu, gpu:N or gpu:NAME, a part of its name
     ///
     /// auto takes the first real GPU for everything; without one the CPU computes and software
     /// Vulkan only draws. gpu takes software Vulkan too.
-    #[arg(long, global = true, default_value = "auto", value_name = "auto|cpu|gpu|gpu:N")]
+    #[arg(long, global = true, default_value = "auto", value_name = "auto|cpu|gpu|gpu:N|gpu:NAME")]
     pub device: DeviceChoice,
     /// Threads of the CPU and of software Vulkan (default: all cores)
     #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]

@@ -39,6 +39,11 @@ impl FrameSequence {
         Self { scene, shots, seen, coming: None, begun: 0, in_flight }
     }
 
+    /// Leaves the first frames out, before any is drawn.
+    pub fn skip(&mut self, frames: usize) {
+        self.begun = frames.min(self.shots.len());
+    }
+
     /// Returns the number of frames in all.
     pub fn count(&self) -> usize {
         self.shots.len()

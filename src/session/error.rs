@@ -123,6 +123,18 @@ pub enum SessionError {
     System(String),
 }
 
+impl SessionError {
+    /// Whether the device went away: another one may do.
+    pub fn is_device_lost(&self) -> bool {
+        match self {
+            Self::Render(RenderError::Vulkan(e)) | Self::Device(DeviceError::Vulkan(e)) => {
+                e.is_lost()
+            }
+            _ => false,
+        }
+    }
+}
+
 impl From<DeviceError> for SessionError {
     fn from(e: DeviceError) -> Self {
         match e {

@@ -82,7 +82,7 @@ impl Session {
         let spares = stream.spares();
         self.progress.begin_frames(stream.count());
         let outcome = loop {
-            match stream.next_frame() {
+            match self.next_frame(&mut stream, &None) {
                 Ok(Some(frame)) => {
                     self.progress.frames(frame.index + 1);
                     spares.give(frame.rgb);
@@ -159,7 +159,7 @@ impl Session {
         let mut writer = FrameWriter::new(&to.frames, size, threads, &stream.spares(), video)?;
         self.progress.begin_frames(stream.count());
         let outcome = loop {
-            match stream.next_frame() {
+            match self.next_frame(&mut stream, &to.flight) {
                 Ok(None) => break Ok(()),
                 Ok(Some(mut frame)) => {
                     to.stamp.iter().for_each(|stamp| stamp.mark(frame.size, &mut frame.rgb));

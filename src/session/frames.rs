@@ -50,6 +50,25 @@ impl Display {
         work(own.as_mut().expect("opened before")).map_err(E::into)
     }
 
+    /// Opens the device that a renderer was made on again, unless another stage has done so.
+    ///
+    /// # Errors
+    /// [`DeviceError`] where there is no such device any more.
+    fn reopen(&self, renderer: &Renderer) -> Result<(), DeviceError> {
+        let reopen = |gpu: &mut Gpu| -> Result<(), DeviceError> {
+            if renderer.is_on(gpu) {
+                *gpu = gpu.opened_anew()?;
+            }
+            Ok(())
+        };
+        let mut own = locked(&self.own);
+        match (own.as_mut(), &mut *self.device.lock()) {
+            (Some(gpu), _) => reopen(gpu),
+            (None, Device::Gpu(gpu)) => reopen(gpu),
+            (None, Device::Cpu) => Ok(()),
+        }
+    }
+
     /// Draws something with a renderer.
     ///
     /// # Errors
@@ -181,6 +200,7 @@ impl Session {
             lod: levels.report.clone(),
             cancel: self.cancel.clone(),
             given: 0,
+            reopenings: 0,
             started: Instant::now(),
             since: Instant::now(),
             figures: Figures::default(),
@@ -223,12 +243,43 @@ impl Session {
         Ok(pieces)
     }
 
+    /// The next frame of a stream that [`Session::frames_along`] has made of the same flight. A device
+    /// that is lost meanwhile is opened again, at most [`MAX_REOPENINGS`] times, and draws on from the
+    /// frame that was asked for.
+    ///
+    /// # Errors
+    /// As [`FrameStream::next_frame`], and those of [`Session::frames_along`].
+    pub(super) fn next_frame(
+        &self,
+        stream: &mut FrameStream,
+        flight: &Option<(FlightRoute, Arc<Flight>)>,
+    ) -> Result<Option<DrawnFrame>, SessionError> {
+        loop {
+            match stream.next_frame() {
+                Err(e) if e.is_device_lost() && stream.reopenings < MAX_REOPENINGS => {
+                    tracing::warn!("{e}; the device is opened again and draws on");
+                    let renderer =
+                        stream.renderer.as_ref().expect("held until the stream is dropped");
+                    stream.display.reopen(renderer)?;
+                    let mut anew = self.frames_along(flight.clone())?;
+                    anew.take_over(stream);
+                    *stream = anew;
+                }
+                next => return next,
+            }
+        }
+    }
+
     /// Adds the drawing of a stream to the clock.
     pub(super) fn record_frames(&self, clock: &mut Clock, stream: &FrameStream) {
         let items = (stream.given as u64, "frames");
         clock.record("frames", &stream.display.name, stream.started, items, Vec::new());
     }
 }
+
+/// Number of times that a device that is lost while frames are drawn is opened again: a driver that
+/// fails at one frame fails there again.
+const MAX_REOPENINGS: u32 = 3;
 
 /// A drawn frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -267,12 +318,25 @@ pub struct FrameStream {
     pub(super) kept: KeptFrames,
     cancel: CancelToken,
     given: usize,
+    /// Number of times that the device was opened again.
+    reopenings: u32,
     started: Instant,
     since: Instant,
     figures: Figures,
 }
 
 impl FrameStream {
+    /// Goes on behind the last frame of a stream of the same flight, whose device was lost.
+    fn take_over(&mut self, lost: &mut Self) {
+        if let Some(sequence) = &mut self.sequence {
+            sequence.skip(lost.given);
+        }
+        (self.given, self.reopenings) = (lost.given, lost.reopenings + 1);
+        (self.started, self.since) = (lost.started, lost.since);
+        self.figures = std::mem::take(&mut lost.figures);
+        self.kept = std::mem::take(&mut lost.kept);
+    }
+
     /// Frames of the whole flight.
     pub fn count(&self) -> usize {
         self.flight.poses.len()

@@ -1,5 +1,7 @@
 //! The logical device and its one queue.
 
+use std::ffi::CStr;
+
 use ash::{khr, vk};
 
 use super::VkError;
@@ -62,8 +64,16 @@ pub(super) fn open(
 /// Whether a driver translates Vulkan to another interface, as MoltenVK does to Metal. Such a driver
 /// may report `robustBufferAccess` where what is below checks no bounds.
 pub(super) fn is_portable(instance: &Instance, physical: vk::PhysicalDevice) -> bool {
+    has_extension(instance, physical, khr::portability_subset::NAME)
+}
+
+/// Whether a device can show pictures in windows at all; some only compute and draw.
+pub(super) fn has_swapchains(instance: &Instance, physical: vk::PhysicalDevice) -> bool {
+    has_extension(instance, physical, khr::swapchain::NAME)
+}
+
+fn has_extension(instance: &Instance, physical: vk::PhysicalDevice, name: &CStr) -> bool {
     // SAFETY: `physical` comes from this live instance.
     let there = unsafe { instance.raw.enumerate_device_extension_properties(physical) };
-    let subset = khr::portability_subset::NAME;
-    there.is_ok_and(|all| all.iter().any(|e| e.extension_name_as_c_str() == Ok(subset)))
+    there.is_ok_and(|all| all.iter().any(|e| e.extension_name_as_c_str() == Ok(name)))
 }

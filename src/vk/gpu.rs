@@ -182,7 +182,9 @@ impl Gpu {
         let surface =
             window.map(|window| PresentationSurface::new(&instance, window)).transpose()?;
         let presents = |physical, family| {
-            surface.as_ref().is_none_or(|s: &PresentationSurface| s.is_supported(physical, family))
+            surface.as_ref().is_none_or(|s: &PresentationSurface| {
+                device::has_swapchains(&instance, physical) && s.is_supported(physical, family)
+            })
         };
         let (physical, mut info) = info::choose(&instance, choice, to_draw, presents)?;
         if info.is_real() {

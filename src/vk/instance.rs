@@ -63,6 +63,14 @@ pub(super) struct Instance {
     keeps_driver: bool,
 }
 
+/// Libraries that are driver and loader in one, where a machine may have no loader: MoltenVK of a
+/// system, and of an application that brings it along.
+const DRIVERS_ALONE: &[&str] = if cfg!(target_os = "macos") {
+    &["libMoltenVK.dylib", "@executable_path/../Frameworks/libMoltenVK.dylib"]
+} else {
+    &[]
+};
+
 /// Whether an instance was left alive so that the driver of a graphics card stays loaded.
 static DRIVER_KEPT: AtomicBool = AtomicBool::new(false);
 
@@ -84,7 +92,13 @@ impl Instance {
         }
         // SAFETY: loads the system's Vulkan loader; running its initialisers is the purpose. The
         // library stays loaded as long as the entry lives, which is as long as this instance.
-        let entry = unsafe { ash::Entry::load() }.map_err(|e| VkError::NoLibrary(e.to_string()))?;
+        let loaded = unsafe { ash::Entry::load() };
+        let entry = loaded.or_else(|e| {
+            // SAFETY: as above, of a driver that is its own loader.
+            let driver = |name: &&str| unsafe { ash::Entry::load_from(name) }.ok();
+            DRIVERS_ALONE.iter().find_map(driver).ok_or(e)
+        });
+        let entry = entry.map_err(|e| VkError::NoLibrary(e.to_string()))?;
         // SAFETY: a global command of a loaded library; touches no object of ours.
         let version = unsafe { entry.try_enumerate_instance_version() }
             .map_err(VkError::of("vkEnumerateInstanceVersion"))?

@@ -332,11 +332,7 @@ impl Gpu {
         }
         let (format, space) = self.surface_format(p)?;
         let most_images = if can.max_image_count == 0 { u32::MAX } else { can.max_image_count };
-        let opaque = vk::CompositeAlphaFlagsKHR::OPAQUE;
-        let alpha = match can.supported_composite_alpha.contains(opaque) {
-            true => opaque,
-            false => vk::CompositeAlphaFlagsKHR::INHERIT,
-        };
+        let alpha = composite_alpha(can.supported_composite_alpha);
         self.close_old(p, MAX_OLD - 1)?;
         let old = p.chain.as_ref().map_or(vk::SwapchainKHR::null(), |c| c.raw);
         let info = vk::SwapchainCreateInfoKHR::default()
@@ -507,9 +503,31 @@ impl Gpu {
     }
 }
 
+/// Returns the first way of laying a window over others that a surface offers; opaque at best.
+fn composite_alpha(offered: vk::CompositeAlphaFlagsKHR) -> vk::CompositeAlphaFlagsKHR {
+    type Alpha = vk::CompositeAlphaFlagsKHR;
+    let wanted = [Alpha::OPAQUE, Alpha::INHERIT, Alpha::PRE_MULTIPLIED, Alpha::POST_MULTIPLIED];
+    // Every surface offers one at least.
+    wanted.into_iter().find(|alpha| offered.contains(*alpha)).unwrap_or(Alpha::OPAQUE)
+}
+
 #[cfg(test)]
 mod tests {
-    use super::Swapchain;
+    use super::*;
+
+    #[test]
+    fn only_a_composite_alpha_that_is_offered_is_asked_for() {
+        type Alpha = vk::CompositeAlphaFlagsKHR;
+        for (offered, wanted) in [
+            (Alpha::OPAQUE | Alpha::INHERIT, Alpha::OPAQUE),
+            (Alpha::INHERIT | Alpha::PRE_MULTIPLIED, Alpha::INHERIT),
+            // Some compositors offer this one alone.
+            (Alpha::PRE_MULTIPLIED, Alpha::PRE_MULTIPLIED),
+            (Alpha::POST_MULTIPLIED, Alpha::POST_MULTIPLIED),
+        ] {
+            assert_eq!(composite_alpha(offered), wanted);
+        }
+    }
 
     #[test]
     fn a_display_that_gives_another_size_than_asked_for_gets_no_swapchain_a_frame() {

@@ -169,7 +169,7 @@ for size in 1920x1080 3840x2160; do
     [ $small = 0 ] || break
 done
 
-# 8. A device that is lost in a stage goes on, in a frame it ends with a line.
+# 8. A device that is lost in a stage and while frames are drawn goes on; for ever, frames end with a line.
 if [ -f "$pack/has-faults" ]; then
     lost() {
         fault=$1 wanted=$2 said=$3 && shift 3
@@ -182,6 +182,7 @@ if [ -f "$pack/has-faults" ]; then
     }
     lost submit:1-1 0 'opened again' distance "$out/work/tube.nrrd" -o "$out/work/lost.nrrd"
     lost submit:1 0 'the CPU computes from now on' distance "$out/work/tube.nrrd" -o "$out/work/lost.nrrd"
+    lost submit:40-40 0 'draws on' record "$out/work/tube.nrrd" --frames 60 --size 160x90 --out "$out/work/lost"
     lost submit:40 1 'lost' record "$out/work/tube.nrrd" --frames 60 --size 160x90 --out "$out/work/lost"
 fi
 

@@ -135,6 +135,40 @@ fn a_device_that_is_lost_is_opened_again_and_if_lost_again_the_cpu_goes_on() {
     assert!(once == wanted && for_ever == wanted);
 }
 
+/// A flight whose device was lost at one frame ended there.
+#[test]
+fn frames_go_on_where_a_lost_device_is_opened_again_with_the_same_bytes() {
+    if !can_draw() {
+        return;
+    }
+    let tmp = tempfile::tempdir().unwrap();
+    phantom(tmp.path(), Kind::Tube, 48);
+    let record = |device: &str, fault: &str| {
+        let out = format!("{device}-{}", fault.replace(':', "-"));
+        let args = ["record", "--mask", "mask.nrrd", "--device", device, "--out", &out];
+        let args = [&args[..], &["--frames", "40", "--size", "96x64"]].concat();
+        let (code, err) = with_fault(tmp.path(), fault, &args);
+        let frames = std::fs::read_dir(tmp.path().join(&out)).into_iter().flatten();
+        let mut frames: Vec<_> = frames.map(|f| f.unwrap().path()).collect();
+        frames.sort();
+        let bytes: Vec<Vec<u8>> = frames.iter().map(|f| std::fs::read(f).unwrap()).collect();
+        (code, err, bytes)
+    };
+    for device in ["cpu", "gpu"] {
+        let (_, _, wanted) = record(device, "none:1");
+        assert_eq!(wanted.len(), 40);
+        // Plans and uploads take the first submissions.
+        for fault in ["submit:25-25", "submit:35-35"] {
+            let (code, err, frames) = record(device, fault);
+            assert_eq!(code, 0, "{fault}: {err}");
+            assert!(err.contains("opened again"), "{fault}: {err}");
+            assert!(frames == wanted, "{device}, {fault}: other frames");
+        }
+        let (code, err, _) = record(device, "submit:25");
+        assert_eq!((code, err.trim().lines().last().is_some()), (1, true), "{err}");
+    }
+}
+
 #[test]
 fn what_device_memory_has_no_room_for_is_computed_on_the_cpu() {
     if !can_draw() {

@@ -12,7 +12,7 @@ class DeviceSettings(TypedDict, total=False):
     """Where work runs."""
 
     device: str
-    """auto, cpu, gpu or gpu:N; auto takes the first real GPU, else the CPU."""
+    """auto, cpu, gpu, gpu:N or gpu:NAME; auto takes the first real GPU, else the CPU."""
     threads: int | None
     """Threads of the CPU; all cores where None."""
     max_memory: int | None
