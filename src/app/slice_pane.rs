@@ -455,6 +455,30 @@ pub(super) mod tests {
         egui::Event::PointerButton { pos, button, pressed, modifiers: egui::Modifiers::NONE }
     }
 
+    /// A click did nothing, only a drag.
+    #[test]
+    fn a_click_before_there_is_a_path_moves_the_crosshair_and_another_lumen_leaves_it_there() {
+        let (mut model, at) = (model_of_a_volume(), pos2(150.0, 100.0));
+        let before = model.crosshair_mm;
+        model.step(0.0, &[Action::Window([10.0, 50.0])]);
+        let frames = [
+            vec![egui::Event::PointerMoved(at)],
+            vec![button(at, true)],
+            vec![button(at, false)],
+            vec![],
+        ];
+        let mut moved = Vec::new();
+        shown_of(model, &frames, |model, _| {
+            let anew = model.reset_lumen();
+            assert_eq!((anew.crosshair_mm, anew.window), (model.crosshair_mm, model.window));
+            assert_eq!(anew.window, [10.0, 50.0]);
+            moved.push(model.crosshair_mm - before);
+        });
+        // A quarter of the pane is a quarter of the 64 mm that it shows.
+        let last = moved.last().unwrap();
+        assert!((last.x.abs() - 16.0).abs() < 0.5 && last.y.abs() < 0.5, "{moved:?}");
+    }
+
     #[test]
     fn a_dragged_crosshair_stays_under_the_pointer_and_in_the_volume() {
         let at = |x: f32| pos2(x, 100.0);
