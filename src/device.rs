@@ -29,7 +29,7 @@ impl FromStr for DeviceChoice {
             "cpu" => Ok(Self::Cpu),
             "gpu" => Ok(Self::Gpu),
             _ => match s.strip_prefix("gpu:").filter(|which| !which.is_empty()) {
-                None => Err(format!("`{s}` is none of auto, cpu, gpu, gpu:N, gpu:NAME")),
+                None => Err(format!("`{s}` is not a device: auto, cpu, gpu, gpu:N or gpu:NAME")),
                 Some(which) => {
                     which.parse().map_or_else(|_| Self::named(which), |n| Ok(Self::GpuAt(n)))
                 }

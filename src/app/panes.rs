@@ -506,7 +506,7 @@ mod tests {
                 assert!(is_old.is_none_or(|is_old| is_old == panes.is_overview_behind));
                 panes.is_overview_behind
             };
-            // The wall of the overview comes a frame after that of the inside view.
+            // The overview gets its wall one frame after the inside view.
             while is_behind(&mut panes, &model) || panes.is_glass_next {}
             for expected in behind {
                 model.step(0.0, &[Action::Turn([0.1, 0.0, 0.0])]);

@@ -53,7 +53,7 @@ impl Display {
     /// Opens the device that a renderer was made on again, unless another stage has done so.
     ///
     /// # Errors
-    /// [`DeviceError`] where there is no such device any more.
+    /// [`DeviceError`] if the device cannot be opened again.
     fn reopen(&self, renderer: &Renderer) -> Result<(), DeviceError> {
         let reopen = |gpu: &mut Gpu| -> Result<(), DeviceError> {
             if renderer.is_on(gpu) {

@@ -72,7 +72,7 @@ impl OpenCase {
     }
 
     /// Draws the flight that is shown, its branch and its gazes included, into a new folder of the export
-    /// folder. Where there is ffmpeg, a video lies beside the folder. One flight at a time.
+    /// folder. If ffmpeg is installed, a video is written too. One flight at a time.
     pub(super) fn export_flight(&mut self) -> Result<(), SessionError> {
         let Frames::Speed { fps, .. } = self.options.settings.flight.frames else { return Ok(()) };
         if self.is_saving() {
