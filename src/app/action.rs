@@ -361,6 +361,32 @@ pub enum Request {
     Quit,
 }
 
+impl Request {
+    /// Whether it leaves the volume that is open, and the notes of it.
+    pub fn leaves_volume(&self) -> bool {
+        matches!(
+            self,
+            Self::Quit
+                | Self::Open(_)
+                | Self::OpenSession(_)
+                | Self::OpenKept(_)
+                | Self::Series(_)
+                | Self::Segment(_)
+                | Self::CloseCase
+        )
+    }
+
+    /// Whether it stops a flight that is being saved. Another lumen of the same volume does: all tasks of
+    /// the present lumen end.
+    pub fn ends_saving(&self) -> bool {
+        let changes_lumen = matches!(
+            self,
+            Self::Lumen(_) | Self::Organ(_) | Self::TaggedColon | Self::StartAt(_) | Self::EndAt(_)
+        );
+        changes_lumen || self.leaves_volume()
+    }
+}
+
 /// An action or a request, as scripts write them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]

@@ -5,7 +5,7 @@ use egui::{Key, Pos2, Rect, Ui, pos2};
 use super::action::{Action, ActionQueue, Request};
 use super::inside_pane::{in_pane, taken_parts};
 use super::model::Model;
-use super::style::FAINT;
+use super::style::{FAINT, NO_PATH};
 
 /// Keys of the offered branches, in their order. What is offered beyond them is in the list.
 pub(super) const BRANCH_KEYS: [Key; 9] = [
@@ -60,7 +60,7 @@ pub(super) fn way_to_target(ui: &mut Ui, model: &Model, commands: &mut ActionQue
     let can = model.path.is_some();
     let button = ui.add_enabled(can, egui::Button::new("To the crosshair"));
     let tip = "Flies through the tree to the place nearest to the crosshair of the slices";
-    if button.on_hover_text(tip).clicked() {
+    if button.on_hover_text(tip).on_disabled_hover_text(NO_PATH).clicked() {
         commands.ask(Request::FlyThrough(model.crosshair_mm.to_array()));
     }
     let Some(way) = &model.way else {

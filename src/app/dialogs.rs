@@ -1,9 +1,9 @@
 //! Dialogs: files to open and to save, and what is lost by leaving.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use egui::{Align2, Ui, Vec2};
-use egui_file_dialog::{DialogState, FileDialog};
+use egui_file_dialog::{DialogState, FileDialog, Filter};
 
 use super::action::{Action, ActionQueue, Request};
 use super::model::Model;
@@ -23,6 +23,19 @@ pub(super) struct Dialogs {
     pub save: FileDialog,
 }
 
+/// Name of the files that the dialog lists at first; it offers all others too.
+const SCANS: &str = "Scans and sessions";
+
+/// Whether a file's name may be that of a scan or a session. Most files of a DICOM series have no
+/// extension, or their number as one.
+fn may_be_opened(path: &Path) -> bool {
+    const EXTENSIONS: [&str; 10] =
+        ["nii", "gz", "nrrd", "nhdr", "mha", "mhd", "dcm", "dicom", "ima", "json"];
+    let is_number = |e: &str| e.bytes().all(|b| b.is_ascii_digit());
+    let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+    extension.is_none_or(|e| is_number(&e) || EXTENSIONS.contains(&&e[..]))
+}
+
 impl Default for Dialogs {
     fn default() -> Self {
         let dialog = |title| {
@@ -33,7 +46,9 @@ impl Default for Dialogs {
                 .anchor(Align2::CENTER_CENTER, Vec2::ZERO)
         };
         let save = dialog("Save as").default_file_name("session.json");
-        Self { open: dialog("Open"), is_beside: false, typed: String::new(), save }
+        let open = dialog("Open").add_file_filter(SCANS, Filter::new(may_be_opened));
+        let open = open.default_file_filter(SCANS);
+        Self { open, is_beside: false, typed: String::new(), save }
     }
 }
 
@@ -80,7 +95,7 @@ pub(super) fn ask_to_save(
         return;
     }
     let asked = egui::Modal::new(egui::Id::new("unsaved")).show(ui.ctx(), |ui| {
-        let has_notes = model.has_unsaved_notes();
+        let has_notes = model.leaves_notes;
         if has_notes {
             ui.label(match model.are_notes_kept {
                 true => NOTES_KEPT,
@@ -117,6 +132,16 @@ pub(super) fn ask_to_save(
 mod tests {
     use super::super::panel_tests::TestScreen;
     use super::*;
+
+    #[test]
+    fn the_dialog_lists_scans_and_sessions_and_no_other_files() {
+        for name in ["ct.nii.gz", "CT.NRRD", "head.mhd", "IM0001", "1.2.840.10008.5", "a.json"] {
+            assert!(may_be_opened(Path::new(name)), "{name}");
+        }
+        for name in ["letter.docx", "film.mp4", "wall.ply", "report.html"] {
+            assert!(!may_be_opened(Path::new(name)), "{name}");
+        }
+    }
 
     fn pressed(key: egui::Key) -> egui::Event {
         let (physical_key, modifiers) = (None, egui::Modifiers::NONE);

@@ -59,7 +59,6 @@ impl Notes {
         let graph = model.products.centerline.as_ref().map(|c| c.line.graph());
         let finding = |b: &Bookmark| {
             let eye = DVec3::from(b.position_mm);
-            let nearest = || model.path.as_ref().map(|path| path.nearest_to(eye));
             let looked_at =
                 || model.products.triangle_tree.as_ref().and_then(|tree| finding::wall_at(b, tree));
             let branch = || graph.as_ref().and_then(|g| branch_at(g, eye));
@@ -67,7 +66,7 @@ impl Notes {
                 text: b.text.clone(),
                 eye_mm: b.position_mm,
                 wall_mm: b.wall_mm.or_else(looked_at),
-                arc_mm: model.arc_of(b).or_else(nearest),
+                arc_mm: model.arc_beside(b),
                 segment: b.segment.clone().or_else(branch),
                 said: said_of(model, b),
                 view: picture(b, folder),

@@ -105,7 +105,8 @@ fn of_eye(model: &Model) -> impl Iterator<Item = Figure> {
     }
     match model.section_figures() {
         Some(s) => {
-            out.push(figure("Section here", format!("{:.0} mm²", s.area_mm2)));
+            let decimals = if s.area_mm2 < 9.95 { 1 } else { 0 };
+            out.push(figure("Section here", format!("{:.decimals$} mm²", s.area_mm2)));
             let diameters = format!("{:.1}, {:.1} mm", s.largest_mm, s.smallest_mm);
             out.push(figure("Diameters", diameters));
         }

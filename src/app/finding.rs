@@ -205,11 +205,9 @@ fn values_in_ball(volume: &Volume, lumen: Option<&Lumen>, middle: DVec3) -> Vec<
 }
 
 /// Way along the path to a finding, mm: from a colon's rectum where its ends have names, else from the
-/// start of the path.
+/// start of the path; `None` where the path that is flown does not pass the finding.
 pub(super) fn distance_mm(model: &Model, finding: &Bookmark) -> Option<f64> {
-    let path = model.path.as_ref()?;
-    let eye = DVec3::from(finding.position_mm);
-    let arc = model.arc_of(finding).unwrap_or_else(|| path.nearest_to(eye));
+    let (path, arc) = (model.path.as_ref()?, model.arc_beside(finding)?);
     let from_end = model.ends.is_some_and(|ends| !ends.starts_at_rectum);
     Some(if from_end { path.length_mm() - arc } else { arc })
 }
@@ -291,6 +289,7 @@ mod tests {
     use super::super::action::Action;
     use super::super::model::flown_model;
     use super::*;
+    use crate::session::FlightRoute;
     use crate::volume::phantom::Kind;
     use crate::volume::{Grid, Samples};
 
@@ -341,6 +340,22 @@ mod tests {
         let mixed = at(4.0).unwrap();
         assert!(mixed > 20.0 && mixed < 30.0, "{mixed}");
         assert_eq!(at(100.0), None);
+    }
+
+    /// The table gave the nearest place of a path in another bronchus.
+    #[test]
+    fn a_finding_of_another_branch_has_no_length_along_this_path() {
+        let (mut model, session) = flown_model(Kind::Y, |s| s.centerline.tree = true);
+        let near_end = 0.95 * model.path.as_ref().unwrap().length_mm();
+        model.step(0.0, &[Action::Seek(near_end), Action::Bookmark("left".into())]);
+        assert!((distance_mm(&model, &model.bookmarks[0]).unwrap() - near_end).abs() < 1e-6);
+        let route = FlightRoute::Leaf(1);
+        let flight = session.flight_along(route).unwrap();
+        let sections = session.sections_along(&flight).unwrap();
+        model.take_branch(flight, &sections, route);
+        assert_eq!(distance_mm(&model, &model.bookmarks[0]), None);
+        let row = table(&model);
+        assert!(row.contains("\r\n1,left,,,"), "{row}");
     }
 
     #[test]

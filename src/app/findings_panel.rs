@@ -10,7 +10,7 @@ use super::finding::{
 use super::measure::Measurement;
 use super::model::{Bookmark, Model};
 use super::side_panel::PanelState;
-use super::style::FAINT;
+use super::style::{FAINT, NO_PATH, NO_SCAN, NO_VIEW};
 
 /// Lays out the findings, the measurements that belong to none, and the files.
 pub(super) fn findings(
@@ -49,7 +49,8 @@ fn new_finding(ui: &mut Ui, model: &Model, state: &mut PanelState, commands: &mu
         let field = ui.add(text);
         let entered = field.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
         let add = ui.add_enabled(has_eye, egui::Button::new("Add finding"));
-        if add.on_hover_text("Of what the eye looks at (B)").clicked() || (entered && has_eye) {
+        let add = add.on_hover_text("Of what the eye looks at (B)");
+        if add.on_disabled_hover_text(NO_VIEW).clicked() || (entered && has_eye) {
             commands.act(Action::Bookmark(std::mem::take(&mut state.note)));
         }
     });
@@ -61,7 +62,8 @@ fn new_finding(ui: &mut Ui, model: &Model, state: &mut PanelState, commands: &mu
         ];
         for (name, action, key) in steps {
             let button = ui.add_enabled(count > 0, egui::Button::new(name));
-            if button.on_hover_text(key).clicked() {
+            let none = "No finding is noted yet.";
+            if button.on_hover_text(key).on_disabled_hover_text(none).clicked() {
                 commands.act(action);
             }
         }
@@ -143,7 +145,8 @@ fn said(ui: &mut Ui, model: &Model, i: usize, finding: &Bookmark, commands: &mut
         let find = ui.add_enabled(finding.wall_mm.is_some(), egui::Button::new("Find diameter"));
         let tip = "The largest diameter of what stands out of the wall in the middle of the view; its \
                    ends can be dragged";
-        if find.on_hover_text(tip).clicked() {
+        let no_wall = "No wall was seen in the middle of its view.";
+        if find.on_hover_text(tip).on_disabled_hover_text(no_wall).clicked() {
             commands.act(Action::MeasureFinding(i));
         }
     });
@@ -152,7 +155,8 @@ fn said(ui: &mut Ui, model: &Model, i: usize, finding: &Bookmark, commands: &mut
                    the window of lungs and the ruler ready";
         let can = middle(model, finding).is_some();
         let in_slice = ui.add_enabled(can, egui::Button::new("In a slice"));
-        if in_slice.on_hover_text(tip).clicked() {
+        let no_place = "Neither a length nor a place on the wall belongs to it.";
+        if in_slice.on_hover_text(tip).on_disabled_hover_text(no_place).clicked() {
             commands.act(Action::MeasureInSlice(i));
         }
         if ui.button("Delete").on_hover_text("Ctrl + Z brings it back").clicked() {
@@ -200,35 +204,32 @@ fn measuring(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
 fn files(ui: &mut Ui, model: &Model, state: &mut PanelState, commands: &mut ActionQueue) {
     ui.strong("Save");
     let (has_path, has_findings) = (model.path.is_some(), !model.bookmarks.is_empty());
+    let (no_scan, no_path) = (model.volume().is_none(), !has_path);
+    let no_scan = no_scan.then_some(NO_SCAN);
+    let no_view = model.pose.is_none().then_some(NO_VIEW);
+    let is_at_work = (!model.is_complete).then_some("Not everything is computed yet.");
+    let no_flight = no_path.then_some(NO_PATH).or(is_at_work);
+    let no_finding = (!has_findings).then_some("No finding is noted yet.");
     let exports = [
-        (Export::View, "view", model.pose.is_some(), "The inside view as a picture (E)"),
-        (
-            Export::Window,
-            "window",
-            model.volume().is_some(),
-            "The window as it is seen, with marks and scales (Shift + E)",
-        ),
-        (
-            Export::Flight,
-            "flight",
-            has_path && model.is_complete,
-            "The flight as pictures and a film, once everything is computed",
-        ),
-        (Export::Report, "report", model.volume().is_some(), "Findings and figures as a page"),
-        (Export::Findings, "table", has_findings, "The findings as CSV"),
+        (Export::View, "view", no_view, "The inside view as it is seen (E)"),
+        (Export::Window, "window", no_scan, "The window as it is seen (Shift + E)"),
+        (Export::Flight, "flight", no_flight, "The flight as pictures and a film"),
+        (Export::Report, "report", no_scan, "Findings and figures as a page"),
+        (Export::Findings, "table", no_finding, "The findings as CSV"),
     ];
     ui.horizontal_wrapped(|ui| {
-        for (what, name, can, tip) in exports {
-            let button = ui.add_enabled(can, egui::Button::new(name));
-            if button.on_hover_text(tip).on_disabled_hover_text(tip).clicked() {
+        for (what, name, missing, tip) in exports {
+            let button = ui.add_enabled(missing.is_none(), egui::Button::new(name));
+            let why_not = missing.unwrap_or_default();
+            if button.on_hover_text(tip).on_disabled_hover_text(why_not).clicked() {
                 commands.ask(Request::Export(what));
             }
         }
     });
     let tip = "Findings, measurements and the view, as a file that Open shows again (Ctrl + S)";
     let save = egui::Button::new("Save session");
-    let button = ui.add_enabled(model.products.identity.is_some(), save);
-    state.saves_session |= button.on_hover_text(tip).on_disabled_hover_text(tip).clicked();
+    let button = ui.add_enabled(model.products.identity.is_some(), save).on_hover_text(tip);
+    state.saves_session |= button.on_disabled_hover_text(NO_SCAN).clicked();
 }
 
 #[cfg(test)]
@@ -237,6 +238,26 @@ mod tests {
     use super::super::panel_tests::TestScreen;
     use super::*;
     use crate::volume::phantom::Kind;
+
+    #[test]
+    fn grey_buttons_of_files_and_findings_say_why() {
+        let model = Model::new(20.0);
+        for (button, reason) in [
+            ("Next", "No finding is noted yet."),
+            ("Add finding", NO_VIEW),
+            ("view", NO_VIEW),
+            ("flight", NO_PATH),
+            ("report", NO_SCAN),
+            ("table", "No finding is noted yet."),
+            ("Save session", NO_SCAN),
+        ] {
+            let mut state = PanelState::default();
+            let texts = TestScreen::new().hover(button, |ui| {
+                findings(ui, &model, &mut state, &mut ActionQueue::default());
+            });
+            assert!(texts.iter().any(|text| text == reason), "{button}: {texts:?}");
+        }
+    }
 
     #[test]
     fn the_selected_finding_is_edited_measured_and_deleted_in_the_list() {

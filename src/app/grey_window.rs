@@ -90,7 +90,8 @@ fn slabs(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
     }
     let mut mm = model.slab_mm;
     let field = egui::DragValue::new(&mut mm).range(SLAB_MM).speed(0.2).suffix(" mm");
-    if ui.add_enabled(model.slab.is_some(), field).changed() {
+    let field = ui.add_enabled(model.slab.is_some(), field);
+    if field.on_disabled_hover_text("Of thick slices: choose one of the three.").changed() {
         commands.act(Action::SlabThickness(mm));
     }
 }

@@ -29,7 +29,7 @@ pub(super) fn shadowed(
     painter.galley(rect.min, galley, colour);
 }
 
-/// Everything that lies over the inside view.
+/// Marks and scales that lie over the inside view.
 pub(super) fn inside_marks(painter: &Painter, rect: Rect, model: &Model) {
     let mut labels = Labels::new(painter, rect);
     let taken = taken_parts(rect, model);
@@ -53,13 +53,18 @@ pub(super) fn inside_marks(painter: &Painter, rect: Rect, model: &Model) {
     if model.colouring == Colouring::Behind {
         behind_legend(painter, rect, model);
     }
-    if let Some(ruler) = model.ruler {
-        let left = ruler.points() - model.marks_mm.len();
-        let text = format!("click {left} more, here or in a slice");
-        let [low, high] = [8.0, 96.0].map(|y| rect.center_bottom() - vec2(0.0, y));
-        let anchor = Align2::CENTER_BOTTOM;
-        labels.put(&text, 13.0, MEASURE, &[(low, anchor), (high, anchor)]);
-    }
+}
+
+/// Says how many clicks a measurement waits for: of the pane alone, as no picture waits for any.
+pub(super) fn ruler_prompt(painter: &Painter, rect: Rect, model: &Model) {
+    let Some(ruler) = model.ruler else { return };
+    let left = ruler.points() - model.marks_mm.len();
+    let text = format!("click {left} more, here or in a slice");
+    let mut labels = Labels::new(painter, rect);
+    taken_parts(rect, model).into_iter().for_each(|part| labels.reserve(part));
+    let [low, high] = [8.0, 96.0].map(|y| rect.center_bottom() - vec2(0.0, y));
+    let anchor = Align2::CENTER_BOTTOM;
+    labels.put(&text, 13.0, MEASURE, &[(low, anchor), (high, anchor)]);
 }
 
 /// Branches by their numbers on the keys, each where it begins, or joined with that place by a line.

@@ -283,8 +283,11 @@ pub(super) fn help(ui: &Ui, commands: &mut ActionQueue) {
 
 #[cfg(test)]
 mod tests {
+    use super::super::action::Pane;
+    use super::super::model::{MissedMark, flown_model};
     use super::super::panel_tests::TestScreen;
     use super::*;
+    use crate::volume::phantom::Kind;
 
     #[test]
     fn the_last_of_the_keys_can_be_scrolled_to_in_a_low_window() {
@@ -305,6 +308,42 @@ mod tests {
         (0..60).for_each(|_| drop(shown(Vec::new())));
         let last = bottom(shown(Vec::new()));
         assert!(last.is_some_and(|y| y < 400.0), "{last:?}");
+    }
+
+    /// The outline of a missed patch stayed in every pane for ever.
+    #[test]
+    fn escape_closes_the_keys_then_the_ruler_then_the_mark_then_the_single_pane() {
+        let (mut model, _session) = flown_model(Kind::Tube, |_| {});
+        model.missed = Some(MissedMark {
+            patch: 0,
+            area_mm2: 10.0,
+            center_mm: DVec3::ZERO,
+            outline_mm: Vec::new(),
+        });
+        (model.help, model.ruler, model.maximised) = (true, Some(Ruler::Length), Some(Pane::Axial));
+        let escape = egui::Event::Key {
+            key: Key::Escape,
+            physical_key: None,
+            pressed: true,
+            repeat: false,
+            modifiers: Modifiers::NONE,
+        };
+        let mut closed = Vec::new();
+        for _ in 0..4 {
+            let mut commands = ActionQueue::default();
+            let events = vec![escape.clone()];
+            TestScreen::new().frame(events, |ui| keys(ui, &model, false, &mut commands));
+            model.step(0.0, &commands.actions);
+            let open = [model.help, model.ruler.is_some(), model.missed.is_some()];
+            closed.push((open, model.maximised.is_some()));
+        }
+        let wanted = [
+            ([false, true, true], true),
+            ([false, false, true], true),
+            ([false, false, false], true),
+            ([false, false, false], false),
+        ];
+        assert_eq!(closed, wanted);
     }
 
     #[test]

@@ -5,6 +5,9 @@ use serde::{Deserialize, Serialize};
 
 use super::action::Ruler;
 
+/// Places farther from the origin are of no scan, mm.
+const MAX_MM: f64 = 1e6;
+
 /// Places and what is between them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Measurement {
@@ -47,7 +50,8 @@ impl Measurement {
 
     /// Whether it has as many points as it needs, all of them places.
     pub fn is_valid(&self) -> bool {
-        self.points_mm.len() == self.ruler.points() && self.points().iter().all(|p| p.is_finite())
+        self.points_mm.len() == self.ruler.points()
+            && self.points().iter().all(|p| p.abs().max_element() < MAX_MM)
     }
 
     /// LPS mm.

@@ -25,7 +25,8 @@ pub(super) fn missed_patches(ui: &mut Ui, model: &Model, commands: &mut ActionQu
             [("Previous", Action::PreviousMissed, "Shift + U"), ("Next", Action::NextMissed, "U")];
         for (name, action, key) in steps {
             let button = ui.add_enabled(left > 0, egui::Button::new(name));
-            if button.on_hover_text(key).clicked() {
+            let all_shown = "Every patch has been shown";
+            if button.on_hover_text(key).on_disabled_hover_text(all_shown).clicked() {
                 commands.act(action);
             }
         }

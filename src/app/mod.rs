@@ -28,6 +28,8 @@ mod keys;
 mod labels;
 mod layout;
 mod lumen_panel;
+mod lumen_question;
+mod marked_view;
 mod measure;
 mod missed_panel;
 mod model;

@@ -234,6 +234,8 @@ pub struct Model {
     pub kept_offer: Option<KeptOffer>,
     /// Cases that were opened before.
     pub recent: Vec<RecentCase>,
+    /// Whether that request would leave notes that are in no file of the user's.
+    pub leaves_notes: bool,
     /// Whether that request would end a flight that is being saved.
     pub leaves_flight: bool,
     /// The last message to the user.
@@ -312,11 +314,10 @@ impl Model {
         }
     }
 
-    /// A model of another lumen of the same volume: notes stay, without places on the path that
-    /// is gone.
+    /// A model of another lumen of the same volume. Notes stay as they are: a finding's length along the
+    /// path counts only where the present path passes there, see [`Model::arc_of`].
     pub fn reset_lumen(&self) -> Self {
-        let (mut bookmarks, measurements) = (self.bookmarks.clone(), self.measurements.clone());
-        bookmarks.iter_mut().for_each(|b| b.arc_mm = None);
+        let (bookmarks, measurements) = (self.bookmarks.clone(), self.measurements.clone());
         let (notes_version, saved_version) = (self.notes_version, self.saved_version);
         let (window, extent) = (self.window, self.extent);
         Self {
@@ -326,6 +327,7 @@ impl Model {
             saved_version,
             kept_offer: self.kept_offer.clone(),
             selected: self.selected,
+            history: self.history.clone(),
             crosshair_mm: self.crosshair_mm,
             keeps_slices: self.volume().is_some(),
             window,

@@ -379,6 +379,30 @@ mod tests {
         assert_eq!(SavedLumen::of(&range.settings()), Some(range));
     }
 
+    /// *Find* while a flight was saved stopped the saving and removed its frames without a word.
+    #[test]
+    fn whatever_opens_another_volume_or_lumen_is_known_to_end_the_saving_of_a_flight() {
+        let choice = LumenChoice { range: [0.0, 1.0], seed_mm: None };
+        for request in [
+            Request::Open("ct.nrrd".into()),
+            Request::Series(0),
+            Request::Segment("colon".into()),
+            Request::Lumen(choice),
+            Request::Organ(Organ::Colon),
+            Request::TaggedColon,
+            Request::StartAt([0.0; 3]),
+            Request::EndAt([0.0; 3]),
+        ] {
+            let opening = Opening::of(&request, None, &Settings::default(), false);
+            assert!(opening.is_some() && request.ends_saving(), "{request:?}");
+            let is_same_volume = opening.unwrap().is_same_volume;
+            assert_eq!(request.leaves_volume(), !is_same_volume, "{request:?}");
+        }
+        for request in [Request::Branch(1), Request::FlyThrough([0.0; 3]), Request::Cancel] {
+            assert!(!request.ends_saving() && !request.leaves_volume(), "{request:?}");
+        }
+    }
+
     #[test]
     fn ends_that_were_chosen_stay_with_their_lumen() {
         let after = |settings: &Settings, request| {

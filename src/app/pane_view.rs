@@ -6,36 +6,31 @@ use glam::DVec3;
 use super::action::{Action, ActionQueue, Pane, PaneLayout, Request, WallView};
 use super::branch_panel::branch_under;
 use super::first_page::first_page;
-use super::inside_marks::{inside_marks, mark_under, measurements, missed_mark, value_behind};
+use super::inside_marks::{
+    inside_marks, mark_under, measurements, missed_mark, ruler_prompt, value_behind,
+};
 use super::inside_pane::{in_pane, ray_at};
 use super::labels::Labels;
-use super::lumen_panel::lumen_question;
+use super::lumen_question::before_the_wall;
 use super::model::Model;
 use super::overview_pane::{OverviewCamera, overview_input, zoom_mark};
-use super::slice_pane::{SliceViews, show_slice};
-use super::style::{FAINT, TEXT, WRONG, pinch, wheel_notches, wheel_sideways};
-
-/// Returns the next step for a user after a failure.
-fn what_next(model: &Model) -> &'static str {
-    match model.volume() {
-        Some(_) => "Choose an organ or a range of values on the right.",
-        None => "Open another volume.",
-    }
-}
+use super::slice_pane::show_slice;
+use super::style::{pinch, wheel_notches, wheel_sideways};
+use super::ui::UiState;
 
 /// Whether nothing is open, and nothing on its way.
 fn is_empty(model: &Model, is_computing: bool) -> bool {
     model.volume().is_none() && model.failure.is_none() && model.question.is_none() && !is_computing
 }
 
-/// One pane, which is drawn to a texture, with what lies over it. `stage`: something is being computed.
+/// One pane, which is drawn to a texture, with the marks that lie over it.
 pub(super) fn show_pane(
     ui: &mut Ui,
     (pane, drawn): (Pane, egui::TextureId),
     rect: Rect,
     model: &Model,
-    slices: &mut SliceViews,
-    stage: bool,
+    state: &mut UiState,
+    is_computing: bool,
     commands: &mut ActionQueue,
 ) {
     let response = ui.allocate_rect(rect, Sense::click_and_drag());
@@ -43,15 +38,17 @@ pub(super) fn show_pane(
     let all = Rect::from_min_max(pos2(0.0, 0.0), pos2(1.0, 1.0));
     let painter = ui.painter_at(rect);
     painter.rect_filled(rect, 0.0, Color32::from_rgb(12, 12, 14));
+    let has_wall = model.pose.is_some() && model.products.wall.is_some();
     match pane {
-        Pane::Inside if model.pose.is_some() && model.products.wall.is_some() => {
+        Pane::Inside if has_wall => {
             painter.image(drawn, rect, all, Color32::WHITE);
             inside_marks(&painter, rect, model);
+            ruler_prompt(&painter, rect, model);
             let pointer = response.hover_pos();
             pointer.into_iter().for_each(|at| value_behind(&painter, rect, model, at));
-            inside_input(ui, &response, rect, model, &mut slices.grabbed_inside, commands);
+            inside_input(ui, &response, rect, model, &mut state.slices.grabbed_inside, commands);
         }
-        Pane::Overview if model.pose.is_some() && model.products.wall.is_some() => {
+        Pane::Overview if has_wall => {
             painter.image(drawn, rect, all, Color32::WHITE);
             if let Some(camera) = OverviewCamera::of(rect, model) {
                 overview_input(ui, &response, &camera, model, commands);
@@ -64,24 +61,20 @@ pub(super) fn show_pane(
                 zoom_mark(&painter, rect, model);
             }
         }
-        Pane::Inside if model.asks_for_lumen() => lumen_question(ui, rect, model, commands),
-        Pane::Inside if is_empty(model, stage) => first_page(ui, rect, model, commands),
-        Pane::Inside | Pane::Overview => {
-            let question = model.question.unwrap_or_default();
-            let (text, colour) = match (&model.failure, stage) {
-                _ if pane == Pane::Overview => (String::new(), FAINT),
-                (Some(failure), _) => (format!("{failure}\n\n{}", what_next(model)), WRONG),
-                (None, _) if model.question.is_some() => (question.into(), TEXT),
-                (None, true) => ("the wall is being made".into(), FAINT),
-                (None, false) => (String::new(), FAINT),
-            };
-            let font = FontId::proportional(14.0);
-            let text = painter.layout(text, font, colour, (rect.width() - 16.0).max(80.0));
-            painter.galley(rect.center() - 0.5 * text.size(), text, colour);
+        Pane::Inside if is_empty(model, is_computing) => first_page(ui, rect, model, commands),
+        Pane::Inside => {
+            before_the_wall(ui, rect, model, is_computing, &mut state.panel.tab, commands);
         }
-        _ => show_slice(ui, pane, rect, &response, model, slices, commands),
+        Pane::Overview => {}
+        _ => show_slice(ui, pane, rect, &response, model, &mut state.slices, commands),
     }
-    if matches!(pane, Pane::Inside | Pane::Overview) || model.volume().is_none() {
+    let is_named = match pane {
+        // An empty corner of the inside view has no name.
+        Pane::Overview => has_wall || model.layout == PaneLayout::All,
+        Pane::Inside => true,
+        _ => model.volume().is_none(),
+    };
+    if is_named {
         Labels::new(&painter, rect).title(pane.title());
     }
     if pane == Pane::Inside
@@ -180,7 +173,7 @@ const MARKED_PANE: f32 = 330.0;
 const MARKED_INSET: f32 = 150.0;
 
 /// The patient's axes as the eye sees them.
-fn orientation_marker(painter: &egui::Painter, rect: Rect, rotation: glam::DQuat) {
+pub(super) fn orientation_marker(painter: &egui::Painter, rect: Rect, rotation: glam::DQuat) {
     // Less of a small pane, whose picture it would hide.
     let scale = (rect.size().min_elem() / MARKED_PANE).clamp(0.6, 1.0);
     let centre = rect.left_bottom() + vec2(44.0, -44.0) * scale;

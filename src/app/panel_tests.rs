@@ -37,6 +37,18 @@ impl TestScreen {
         texts
     }
 
+    /// Rests the pointer on the first text that reads so; the texts that are shown then.
+    pub fn hover(&mut self, text: &str, mut ui: impl FnMut(&mut Ui)) -> Vec<String> {
+        self.frame(Vec::new(), &mut ui);
+        let texts = self.frame(Vec::new(), &mut ui);
+        let at = texts.iter().find(|(shown, _)| shown == text).map(|(_, rect)| rect.center());
+        let at = at.unwrap_or_else(|| panic!("{text:?} is not among {texts:?}"));
+        self.frame(vec![Event::PointerMoved(at)], &mut ui);
+        // Longer than the delay of hints.
+        (0..40).for_each(|_| drop(self.frame(Vec::new(), &mut ui)));
+        self.frame(Vec::new(), &mut ui).into_iter().map(|(shown, _)| shown).collect()
+    }
+
     /// Clicks the first text that reads so.
     pub fn click(&mut self, text: &str, mut ui: impl FnMut(&mut Ui)) {
         let texts = self.frame(Vec::new(), &mut ui);

@@ -410,11 +410,16 @@ impl Panes {
             Ok(rgba.chunks_exact(4).map(|p| [p[0], p[1], p[2]]).collect::<Vec<_>>())
         });
         gpu.free_buffer(buffer);
-        let pixels = read?;
+        let (pixels, size) = (read?, self.inside_size());
         match self.inside.fineness {
-            1 => Ok(([width, height], pixels.into_flattened())),
-            _ => Ok(([width / 2, height / 2], halved(&pixels, width as usize))),
+            1 => Ok((size, pixels.into_flattened())),
+            _ => Ok((size, halved(&pixels, width as usize))),
         }
+    }
+
+    /// Columns and rows of the inside pane.
+    pub fn inside_size(&self) -> [u32; 2] {
+        self.inside.renderer.size().map(|pixels| pixels / self.inside.fineness)
     }
 
     /// Whether the image of the inside view has four pixels for each of the pane.

@@ -547,6 +547,20 @@ mod tests {
         assert_eq!(names_in(&path), ["a"]);
     }
 
+    /// A width of 300 digits pushed the panel off the window.
+    #[test]
+    fn a_grey_window_that_no_panel_can_show_is_cut_when_the_file_is_read() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("wild.json");
+        let wild = SessionFile { window: [1e300, -5.0], ..file() };
+        std::fs::write(&path, serde_json::to_vec(&wild).unwrap()).unwrap();
+        let mut model = Model::new(20.0);
+        model.products.identity = Some(std::sync::Arc::new(wild.input.clone()));
+        SessionFile::read(&path).unwrap().apply(&mut model).unwrap();
+        let [centre, width] = model.window;
+        assert!(centre.abs() < 1e8 && (1e-6..1e8).contains(&width), "{:?}", model.window);
+    }
+
     #[test]
     fn a_session_file_of_another_volume_changes_nothing() {
         let mut model = Model::new(20.0);

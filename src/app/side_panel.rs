@@ -14,7 +14,7 @@ use super::kept_notes::{KeptOffer, ago};
 use super::lumen_panel::{EnteredRange, lumen_choice};
 use super::missed_panel::missed_patches;
 use super::model::Model;
-use super::style::FAINT;
+use super::style::{ACCENT, FAINT};
 use crate::formats::{InputInfo, NOTICE, SeriesInfo};
 
 /// A group of controls of the panel.
@@ -56,8 +56,6 @@ pub(super) struct PanelState {
     pub saves_session: bool,
     /// Range of a lumen to be chosen.
     pub lumen: EnteredRange,
-    /// Whether the choice of a lumen was asked for in the last frame.
-    asked: bool,
 }
 
 /// The groups as tabs, so that nothing lies below the edge of the window or moves for another group.
@@ -68,25 +66,23 @@ pub(super) fn side_panel(
     commands: &mut ActionQueue,
 ) {
     egui::Panel::bottom("notice").show_separator_line(false).show(ui, |ui| {
+        // The offer comes late, with the hash of the volume. Above the list it would move every button.
+        kept_notes(ui, model, commands);
         ui.add(egui::Label::new(egui::RichText::new(NOTICE).small().color(FAINT)).wrap());
     });
-    // A question that has to be answered is shown when it comes.
-    let asks = model.failure.is_some() || model.question.is_some() || model.contents.is_some();
-    match (asks, std::mem::replace(&mut state.asked, asks)) {
-        (true, false) => state.tab = Tab::Lumen,
-        (false, true) => state.tab = Tab::default(),
-        _ => {}
-    }
     ui.add_space(4.0);
     ui.horizontal_wrapped(|ui| {
         for (tab, name) in Tab::ALL {
-            if ui.selectable_label(state.tab == tab, name).clicked() {
+            let is_asked = tab == Tab::Lumen && asks_in_lumen_tab(model);
+            let text = egui::RichText::new(name);
+            // As wide as without the line: no tab moves when the question comes.
+            let text = if is_asked { text.color(ACCENT).underline() } else { text };
+            if ui.selectable_label(state.tab == tab, text).clicked() {
                 state.tab = tab;
             }
         }
     });
     ui.separator();
-    kept_notes(ui, model, commands);
     // No wider than the panel, whatever a name or a note is; what does not fit below is scrolled to.
     // Its bar is always seen where there is more: it floats otherwise, and shows under the pointer.
     ui.spacing_mut().scroll = ScrollStyle { bar_width: 8.0, ..ScrollStyle::solid() };
@@ -126,6 +122,11 @@ pub(super) fn side_panel(
     });
 }
 
+/// Whether a choice waits that can be made in the tab of the lumen.
+fn asks_in_lumen_tab(model: &Model) -> bool {
+    model.failure.is_some() || model.question.is_some() || model.contents.is_some()
+}
+
 /// Offers notes of this volume from before.
 fn kept_notes(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
     let Some(KeptOffer { counts: [bookmarks, measurements], days }) = model.kept_offer else {
@@ -135,6 +136,7 @@ fn kept_notes(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
     let parts = [(bookmarks, "finding"), (measurements, "measurement")];
     let parts: Vec<_> = parts.iter().filter(|p| p.0 > 0).map(|(n, name)| of(*n, name)).collect();
     let what = format!("Notes of this scan, {}: {}", ago(days), parts.join(", "));
+    ui.separator();
     ui.add(egui::Label::new(what).wrap());
     ui.horizontal(|ui| {
         if ui.button("Take them").clicked() {
@@ -145,7 +147,6 @@ fn kept_notes(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
             commands.ask(Request::LeaveKept);
         }
     });
-    ui.separator();
 }
 
 /// A button no wider than the panel; the whole text where the pointer rests.
@@ -171,7 +172,7 @@ fn series_texts(s: &SeriesInfo) -> [String; 2] {
 }
 
 /// The series or segments of an input, to choose one.
-fn contents(ui: &mut Ui, info: &InputInfo, commands: &mut ActionQueue) {
+pub(super) fn contents(ui: &mut Ui, info: &InputInfo, commands: &mut ActionQueue) {
     ui.strong(if info.segments.is_empty() { "Series" } else { "Segments" });
     egui::ScrollArea::vertical().id_salt("contents").max_height(200.0).show(ui, |ui| {
         for s in info.series.iter().filter(|_| info.segments.is_empty()) {
@@ -319,21 +320,35 @@ mod tests {
         assert!(of(|o| o.1) > 0 && of(|o| !o.1) > 0, "so do sections: {offered:?}");
     }
 
+    /// The tab sprang open when a question came: clicks on what it replaced chose an organ.
     #[test]
-    fn a_question_opens_its_tab_and_the_answer_closes_it() {
+    fn nothing_in_the_panel_moves_when_a_question_comes() {
         let mut model = Model::new(20.0);
         let (mut screen, mut state) = (TestScreen::new(), PanelState::default());
-        let mut tab_of = |model: &Model| {
-            screen.frame(Vec::new(), |ui| {
-                side_panel(ui, model, &mut state, &mut ActionQueue::default());
-            });
-            state.tab
+        let mut shown = |model: &Model| {
+            let mut commands = ActionQueue::default();
+            let texts =
+                screen.frame(Vec::new(), |ui| side_panel(ui, model, &mut state, &mut commands));
+            // The line under a text is a little wider than its letters.
+            let middle = |(text, rect): (String, egui::Rect)| {
+                (text, rect.center().x.round() as i32, rect.top().round() as i32)
+            };
+            texts.into_iter().filter(|t| !t.0.is_empty()).map(middle).collect::<Vec<_>>()
         };
-        assert_eq!(tab_of(&model), Tab::Findings);
+        shown(&model);
+        let before = shown(&model);
         model.question = Some("which organ?");
-        assert_eq!(tab_of(&model), Tab::Lumen);
-        model.question = None;
-        assert_eq!(tab_of(&model), Tab::Findings);
+        assert_eq!(shown(&model), before);
+        (model.question, model.failure) = (None, Some("no vessel found".into()));
+        assert_eq!(shown(&model), before);
+        // Notes from before are offered below.
+        model.kept_offer = Some(KeptOffer { counts: [2, 1], days: 3 });
+        // A panel that grows is as high as its content one frame later.
+        (0..2).for_each(|_| drop(shown(&model)));
+        let after = shown(&model);
+        assert!(after.iter().any(|text| text.0 == "Take them"), "{after:?}");
+        let stays = |text: &&(String, i32, i32)| text.0 == NOTICE || after.contains(text);
+        assert!(before.iter().all(|text| stays(&text)), "{after:?}");
     }
 
     #[test]

@@ -14,6 +14,11 @@ pub(super) const MISSED: Color32 = Color32::from_rgb(58, 112, 244);
 pub(super) const MEASURE: Color32 = Color32::from_rgb(253, 158, 236);
 pub(super) const SHADOW: Color32 = Color32::from_black_alpha(150);
 
+/// Reasons why a control is grey.
+pub(super) const NO_SCAN: &str = "Open a scan first.";
+pub(super) const NO_PATH: &str = "There is no path through an organ yet.";
+pub(super) const NO_VIEW: &str = "There is no view of an organ yet.";
+
 /// Columns and rows of a rectangle of the screen, at least 2.
 pub(super) fn pixels(ui: &Ui, rect: Rect) -> [u32; 2] {
     let scale = ui.pixels_per_point();

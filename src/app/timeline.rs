@@ -187,6 +187,40 @@ mod tests {
         assert!(plotted <= widest && plotted > 0.95 * widest, "{plotted} of {widest} mm");
     }
 
+    /// At larger texts the bars became stripes: gaps between them fell on pixels.
+    #[test]
+    fn bars_of_the_scrub_bar_meet_at_every_size_of_texts() {
+        let mut model = Model::new(20.0);
+        model.path = Some(path(&tree(), 0));
+        for scale in [1.0, 1.1, 1.25, 1.331, 2.0] {
+            let context = egui::Context::default();
+            context.set_pixels_per_point(scale);
+            let screen = Rect::from_min_size(Pos2::ZERO, vec2(601.0, 92.0));
+            let mut bars = Vec::new();
+            // A scale takes effect with the next frame.
+            for _ in 0..2 {
+                let input = egui::RawInput { screen_rect: Some(screen), ..Default::default() };
+                let mut commands = ActionQueue::default();
+                let mut output = context.run_ui(input, |ui| timeline(ui, &model, &mut commands));
+                output.textures_delta.clear();
+                bars = output
+                    .shapes
+                    .into_iter()
+                    .filter_map(|clipped| match clipped.shape {
+                        egui::Shape::Mesh(mesh) => Some(mesh.vertices.clone()),
+                        _ => None,
+                    })
+                    .collect();
+            }
+            let [bars] = &bars[..] else { panic!("{} meshes", bars.len()) };
+            let of_bar: Vec<_> = bars.chunks_exact(4).collect();
+            assert!(of_bar.len() > 100);
+            for pair in of_bar.windows(2) {
+                assert_eq!(pair[0][3].pos, pair[1][2].pos, "scale {scale}");
+            }
+        }
+    }
+
     #[test]
     fn a_scrub_ends_where_the_pointer_was_let_go() {
         let mut model = Model::new(20.0);

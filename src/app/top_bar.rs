@@ -8,7 +8,7 @@ use super::computation::WorkStatus;
 use super::dialogs::{Dialogs, FILES, open_request};
 use super::model::Model;
 use super::side_panel::Tab;
-use super::style::{FAINT, WRONG};
+use super::style::{FAINT, NO_PATH, NO_SCAN, WRONG};
 use super::ui::{PairState, UiState};
 
 /// Lays out the steps of a reading, the layouts, and the work in progress.
@@ -86,7 +86,8 @@ fn open_menu(ui: &mut Ui, model: &Model, state: &mut UiState, commands: &mut Act
     }
     ui.separator();
     let has_case = model.volume().is_some();
-    ui.add_enabled_ui(has_case, |ui| open_beside(ui, model, dialogs, commands));
+    let beside = ui.add_enabled_ui(has_case, |ui| open_beside(ui, model, dialogs, commands));
+    beside.response.on_disabled_hover_text(NO_SCAN);
 }
 
 /// Buttons that open the dialog for a file or a folder.
@@ -144,8 +145,8 @@ struct ReadingStep {
 
 /// The steps of a reading after the scan is open, each with the tab that serves it.
 fn steps(model: &Model) -> [ReadingStep; 4] {
-    let no_scan = model.volume().is_none().then_some("Open a scan first.");
-    let no_path = model.path.is_none().then_some("There is no path through an organ yet.");
+    let no_scan = model.volume().is_none().then_some(NO_SCAN);
+    let no_path = model.path.is_none().then_some(NO_PATH);
     let no_coverage = model.coverage.is_none();
     let no_coverage = no_coverage.then_some("The coverage of the flight is not computed yet.");
     [
@@ -163,9 +164,10 @@ fn steps(model: &Model) -> [ReadingStep; 4] {
 /// Controls of the flight, under the picture that they move.
 pub(super) fn transport(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
     let ready = model.path.is_some();
+    let why_not = if ready { "The eye is on the path." } else { NO_PATH };
     let mut button = |ui: &mut Ui, text: &str, can: bool, tip: &str, action: Action| {
         let button = ui.add_enabled(can, egui::Button::new(text));
-        if button.on_hover_text(tip).clicked() {
+        if button.on_hover_text(tip).on_disabled_hover_text(why_not).clicked() {
             commands.act(action);
         }
     };
@@ -202,38 +204,75 @@ fn what_is_at_work(
     status: Option<&WorkStatus>,
     commands: &mut ActionQueue,
 ) {
+    let message = model.question.or(model.message.as_deref()).unwrap_or_default();
+    // A failure or a long name of a stage leaves room for the last message.
+    let own_width = if message.is_empty() { 1.0 } else { 0.5 } * ui.available_width();
     match (status, &model.failure) {
         (Some(status), failure) if failure.is_none() || !status.is_computing => {
             ui.add(egui::ProgressBar::new(status.share).desired_width(90.0));
             if ui.small_button("Cancel").clicked() {
                 commands.ask(Request::Cancel);
             }
-            ui.add(egui::Label::new(&status.text).truncate());
+            let text = egui::Label::new(&status.text).truncate();
+            ui.scope(|ui| {
+                ui.set_max_width(own_width);
+                ui.add(text);
+            });
         }
         (_, Some(failure)) => {
             // The inside pane has all of it.
             let line = failure.lines().next().unwrap_or_default();
             let text = egui::RichText::new(line).color(WRONG);
-            ui.add(egui::Label::new(text).truncate()).on_hover_text(failure);
+            ui.scope(|ui| {
+                ui.set_max_width(own_width);
+                ui.add(egui::Label::new(text).truncate()).on_hover_text(failure);
+            });
         }
         (_, None) => {
             if model.is_stopped && ui.small_button("Go on").clicked() {
                 commands.ask(Request::Resume);
             }
-            let message = model.question.or(model.message.as_deref()).unwrap_or_default();
-            ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-                ui.label(egui::RichText::new(model.notes_are).color(FAINT));
-                ui.add(egui::Label::new(message).truncate()).on_hover_text(message);
-            });
         }
     }
+    ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+        ui.label(egui::RichText::new(model.notes_are).color(FAINT));
+        ui.add(egui::Label::new(message).truncate()).on_hover_text(message);
+    });
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::model::flown_model;
     use super::super::panel_tests::TestScreen;
-    use super::super::slice_pane::tests::button;
+    use super::super::slice_pane::tests::{button, model_of_a_volume};
     use super::*;
+    use crate::volume::phantom::Kind;
+
+    /// Buttons were grey for two minutes with no reason said.
+    #[test]
+    fn a_grey_step_says_why_where_the_pointer_rests() {
+        let texts_over = |model: &Model, name: &str| {
+            let mut state = UiState::default();
+            TestScreen::sized(egui::vec2(1280.0, 700.0)).hover(name, |ui| {
+                top_bar(ui, model, &mut state, None, &mut ActionQueue::default());
+            })
+        };
+        let of_scan = model_of_a_volume();
+        let (mut flown, _session) = flown_model(Kind::Tube, |_| {});
+        flown.coverage = None;
+        for (model, step, reason) in [
+            (&Model::new(20.0), "2 Organ", NO_SCAN),
+            (&Model::new(20.0), "4 Review", NO_SCAN),
+            (&of_scan, "3 Fly", NO_PATH),
+            (&of_scan, "4 Review", NO_PATH),
+            (&flown, "4 Review", "The coverage of the flight is not computed yet."),
+        ] {
+            let texts = texts_over(model, step);
+            assert!(texts.iter().any(|text| text == reason), "{step}: {texts:?}");
+        }
+        let texts = texts_over(&flown, "3 Fly");
+        assert!(!texts.iter().any(|text| text == NO_PATH), "{texts:?}");
+    }
 
     /// A typed folder led to an empty list of the folder above.
     #[test]

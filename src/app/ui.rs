@@ -24,7 +24,7 @@ fn texture(case: usize, pane: Pane) -> egui::TextureId {
 /// State that the panels keep from frame to frame beside the model.
 #[derive(Default)]
 pub struct UiState {
-    slices: SliceViews,
+    pub(super) slices: SliceViews,
     pub(super) panel: PanelState,
     /// When a pane was clicked, s, and what that leads to.
     click: Option<(f64, Command)>,
@@ -61,6 +61,8 @@ pub struct PaneSizes {
     pub inside: Option<[u32; 2]>,
     /// The overview.
     pub overview: Option<[u32; 2]>,
+    /// Pixels a point; 0 where nothing is laid out yet.
+    pub scale: f32,
 }
 
 /// A case as the window shows it.
@@ -222,6 +224,7 @@ fn show_places(ui: &mut Ui, places: &Places, case: &mut CaseUi<'_>, number: usiz
     }
     let is_computing = status.as_ref().is_some_and(|s| s.is_computing);
     let mut of_panes = ActionQueue::default();
+    sizes.scale = ui.pixels_per_point();
     for (pane, rect) in &places.panes {
         let rect = on_pixels(ui, *rect);
         let size = pixels(ui, rect);
@@ -231,7 +234,7 @@ fn show_places(ui: &mut Ui, places: &Places, case: &mut CaseUi<'_>, number: usiz
             _ => {}
         }
         let pane = (*pane, texture(number, *pane));
-        show_pane(ui, pane, rect, model, &mut state.slices, is_computing, &mut of_panes);
+        show_pane(ui, pane, rect, model, state, is_computing, &mut of_panes);
     }
     delay_clicks(ui, &mut state.click, &mut of_panes);
     commands.actions.append(&mut of_panes.actions);
@@ -310,6 +313,18 @@ mod tests {
         window(ui, &mut cases, PairState::default());
         let [case] = cases;
         *commands = case.commands;
+    }
+
+    /// A try that failed could not be corrected, only begun anew.
+    #[test]
+    fn the_range_that_was_typed_stays_for_another_lumen_and_goes_with_its_volume() {
+        let mut state = UiState::default();
+        let typed = Some(([100.0, 180.0], true));
+        state.panel.lumen = typed;
+        state.reset_lumen();
+        assert_eq!(state.panel.lumen, typed);
+        state.reset();
+        assert_eq!(state.panel.lumen, None);
     }
 
     /// Keys went to the case that was active before: B at a polyp noted it in the other position.

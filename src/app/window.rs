@@ -97,6 +97,15 @@ struct App {
     begun: Instant,
 }
 
+/// Step of the flight's clock, s.
+///
+/// * `frame`: time since the last frame.
+/// * `is_moving`: whether the flight was moving in that frame. A flight that begins now has flown for
+///   no time, however long the window was idle.
+fn clock_step_s(frame: Duration, is_moving: bool) -> f64 {
+    if is_moving { frame.as_secs_f64().min(MAX_STEP_S) } else { 0.0 }
+}
+
 /// An open window. Fields are dropped in order: what is on the device before the device.
 struct Running {
     viewer: Viewer,
@@ -106,6 +115,8 @@ struct Running {
     /// Title that the window has.
     title: String,
     last: Instant,
+    /// Whether the last frame wanted another one at once.
+    is_moving: bool,
     /// Time to draw again, if nothing happens before.
     again_at: Option<Instant>,
     /// Milestones reported so far: first frame, first picture, everything.
@@ -221,6 +232,7 @@ impl App {
             window,
             title,
             last: Instant::now(),
+            is_moving: false,
             again_at: None,
             reported: [false; 3],
             reopened: 0,
@@ -316,7 +328,7 @@ impl Running {
         };
         let format = self.gpu.window_format().expect("an image has a format");
         let input = self.egui.take_egui_input(&self.window);
-        let dt = now.duration_since(self.last).as_secs_f64().min(MAX_STEP_S);
+        let dt = clock_step_s(now.duration_since(self.last), self.is_moving);
         self.last = now;
         let target = Target { image, format };
         let is_computing = self.viewer.is_computing();
@@ -329,6 +341,7 @@ impl Running {
             gpu.submit_to_window(frame)
         })?;
         let FrameEnd { platform, quit, again_in } = end;
+        self.is_moving = again_in == Some(0.0);
         // Software Vulkan draws on the cores of the CPU and returns from the present call when it
         // has: a frame that follows at once is prepared meanwhile.
         if gpu.info().is_real() || again_in != Some(0.0) {
@@ -402,5 +415,21 @@ impl Running {
                 tracing::info!("{name} after {:.0} ms", begun.elapsed().as_secs_f64() * 1e3);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 20 mm/s were shown while 5.4 were flown: frames of 0.3 s moved the clock by 0.1 s.
+    #[test]
+    fn frames_of_a_slow_machine_fly_as_fast_as_shown_and_a_window_held_up_does_not_jump() {
+        for ms in [4, 33, 300, 500] {
+            let frame = Duration::from_millis(ms);
+            assert_eq!(clock_step_s(frame, true), frame.as_secs_f64());
+        }
+        assert!(clock_step_s(Duration::from_secs(60), true) <= 0.5);
+        assert_eq!(clock_step_s(Duration::from_secs(60), false), 0.0);
     }
 }

@@ -231,8 +231,15 @@ impl FlightPath {
     /// Returns the arc length that the flight reaches, mm, after more seconds of flight time, which
     /// may be negative.
     pub fn after(&self, arc_mm: f64, seconds: f64) -> f64 {
+        // Poses on both sides of a cut have the same arc length. Backwards, time counts from the first
+        // of them: a step shorter than the time between them would stay at the cut.
+        let reached = self.arc_mm.partition_point(|arc| *arc < arc_mm);
+        let is_left_backwards = seconds < 0.0 && self.arc_mm.get(reached) == Some(&arc_mm);
         let (i, t) = self.sample(&self.arc_mm, arc_mm);
-        let now = self.seconds[i] + (self.seconds[i + 1] - self.seconds[i]) * t;
+        let now = match is_left_backwards {
+            true => self.seconds[reached],
+            false => self.seconds[i] + (self.seconds[i + 1] - self.seconds[i]) * t,
+        };
         let (j, u) = self.sample(&self.seconds, now + seconds);
         self.arc_mm[j] + (self.arc_mm[j + 1] - self.arc_mm[j]) * u
     }
@@ -327,6 +334,14 @@ mod tests {
         assert_eq!(path.after(3.0, -1.5), 0.0);
         assert_eq!(path.after(4.5, 99.0), 5.0);
         assert_eq!(path.nearest_to(DVec3::new(53.9, 3.0, 0.0)), 4.0);
+        // Back over a cut in steps that are shorter than it is on the clock: the eye stood there.
+        let mut arc = 4.3;
+        for _ in 0..40 {
+            let next = path.after(arc, -0.1);
+            assert!(next < arc || arc == 0.0, "it stands at {arc} mm");
+            arc = next;
+        }
+        assert_eq!(arc, 0.0);
         assert_eq!(path.radius_at(1.0), 1.0);
     }
 }

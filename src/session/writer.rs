@@ -55,7 +55,7 @@ impl Stamp {
     /// Marks a picture: eight bits each of red, green and blue. The picture under the text
     /// is made half as bright. Where the picture is smaller than the text, the rest of the text is left
     /// out.
-    pub(super) fn mark(&self, [width, height]: [u32; 2], rgb: &mut [u8]) {
+    pub fn mark(&self, [width, height]: [u32; 2], rgb: &mut [u8]) {
         let [columns, rows] = self.size;
         let below = rows.saturating_sub(height) as usize;
         let first_row = height.saturating_sub(rows) as usize;

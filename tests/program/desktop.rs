@@ -382,6 +382,54 @@ fn a_window_that_is_resized_again_and_again_takes_no_more_memory() {
     assert_eq!(code, Some(0), "{log:#?}");
 }
 
+/// A red page with the wrong advice hid the wall and every later message, and stayed.
+#[test]
+fn beside_a_session_file_of_another_volume_the_scan_is_shown_and_the_file_stays() {
+    if common::gpu(intima::vk::Validate::Off).is_none() {
+        return;
+    }
+    let (bend, tube) = (folder(Kind::Bend), folder(Kind::Tube));
+    super::played::play(bend.path(), &[], r#"{"wait": "complete"}, {"do": {"bookmark": "bend"}}"#);
+    let session = tube.path().join("notes.json");
+    std::fs::copy(bend.path().join("notes.json"), &session).unwrap();
+    let before = std::fs::read(&session).unwrap();
+    let args = ["mask.nrrd", "--device", "cpu", "--session", "notes.json"];
+    let Some(mut d) = Desktop::open(tube.path(), &args, &[]) else { return };
+    d.wait_for("the session file is of another volume");
+    d.wait_for("first picture of the wall");
+    d.wait_for("everything is computed");
+    d.key("b");
+    // What is noted here is kept with this scan, and not in that file.
+    kept(tube.path(), 1);
+    d.terminate("TERM");
+    let (_, log) = d.end();
+    assert!(std::fs::read(&session).unwrap() == before, "{log:#?}");
+}
+
+/// The terminal said ERROR while the window asked politely.
+#[test]
+fn a_folder_of_two_series_is_a_question_in_the_window_and_no_error_on_the_terminal() {
+    let tmp = tempfile::tempdir().unwrap();
+    std::fs::create_dir(tmp.path().join("mask.nrrd")).unwrap();
+    for (series, z) in [("1.2.3", 0u8), ("1.2.3", 1), ("1.2.4", 0), ("1.2.4", 1)] {
+        let slice = common::volumes::Slice {
+            series,
+            size: [4, 3],
+            position: [0.0, 0.0, f64::from(z)],
+            pixels: (0..12).map(|p| p * 90).collect(),
+            ..common::volumes::Slice::default()
+        };
+        let file = tmp.path().join(format!("mask.nrrd/{series}-{z}.dcm"));
+        std::fs::write(file, common::volumes::dicom_slice(&slice)).unwrap();
+    }
+    let args = ["mask.nrrd", "--device", "cpu"];
+    let Some(mut d) = Desktop::open(tmp.path(), &args, &[]) else { return };
+    d.wait_for("choose one with --series");
+    let (code, log) = d.quit();
+    assert_eq!(code, Some(0), "{log:#?}");
+    assert_silent(&log);
+}
+
 /// Needs the fault hook.
 #[cfg(feature = "faults")]
 #[test]

@@ -25,8 +25,8 @@ fn a_session_opened_again_leads_to_the_same_pictures() {
     );
     write(
         "back.json",
-        r#"{"wait": "complete"}, {"do": {"go_to_bookmark": 1}}, {"do": {"export": "view"}},
-        {"do": {"go_to_bookmark": 0}}, {"do": {"export": "view"}}"#,
+        r#"{"wait": "complete"}, {"do": {"go_to_bookmark": 1}}, {"do": {"bookmark": "again"}},
+        {"do": {"go_to_bookmark": 0}}, {"do": {"bookmark": "again"}}"#,
     );
     for script in ["make", "back"] {
         let file = format!("{script}.json");
@@ -35,13 +35,14 @@ fn a_session_opened_again_leads_to_the_same_pictures() {
         assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
     }
     let read = |name: &str| std::fs::read(tmp.path().join(name)).unwrap();
-    assert!(read("notes-bookmark-2.png") == read("back/mask-view-1.png"), "off the path");
-    assert!(read("notes-bookmark-1.png") == read("back/mask-view-2.png"), "on the path");
-    assert_ne!(read("back/mask-view-1.png"), read("back/mask-view-2.png"));
+    assert!(read("notes-bookmark-2.png") == read("notes-bookmark-3.png"), "off the path");
+    assert!(read("notes-bookmark-1.png") == read("notes-bookmark-4.png"), "on the path");
+    assert_ne!(read("notes-bookmark-1.png"), read("notes-bookmark-2.png"));
 }
 
+/// All findings were "off the path" for ever once another lumen had been tried.
 #[test]
-fn bookmarks_stay_when_another_lumen_of_the_volume_is_chosen() {
+fn bookmarks_stay_when_another_lumen_of_the_volume_is_chosen_and_the_first_again() {
     if common::gpu(intima::vk::Validate::Off).is_none() {
         return;
     }
@@ -53,16 +54,85 @@ fn bookmarks_stay_when_another_lumen_of_the_volume_is_chosen() {
         &["--threshold", ":-500"],
         r#"{"wait": "complete"}, {"do": {"seek": 20}}, {"do": {"bookmark": "first"}},
         {"do": {"lumen": {"range": [-2000, -700]}}}, {"wait": "complete"},
-        {"do": {"bookmark": "second"}}"#,
+        {"do": {"bookmark": "second"}},
+        {"do": {"lumen": {"range": [-2000, -500]}}}, {"wait": "complete"},
+        {"do": {"go_to_bookmark": 0}}"#,
     );
-    let texts: Vec<_> = notes(tmp.path())["bookmarks"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .map(|b| (b["text"].as_str().unwrap().to_owned(), b["arc_mm"].is_null()))
-        .collect();
-    // The first is a place still, but none along the path that is gone.
-    assert_eq!(texts, [("first".into(), true), ("second".into(), false)]);
+    let saved = notes(tmp.path());
+    let arcs = |text: &str| {
+        let all = saved["bookmarks"].as_array().unwrap();
+        all.iter().find(|b| b["text"] == text).unwrap()["arc_mm"].as_f64()
+    };
+    assert_eq!(arcs("first"), Some(20.0));
+    assert!(arcs("second").is_some());
+    assert_eq!(saved["arc_mm"], 20.0, "the path passes there again");
+}
+
+/// The picture had neither marks nor the notice.
+#[test]
+fn a_saved_view_has_marks_and_notice_and_a_finding_its_plain_picture() {
+    if common::gpu(intima::vk::Validate::Off).is_none() {
+        return;
+    }
+    let tmp = folder();
+    play(
+        tmp.path(),
+        &[],
+        r#"{"wait": "complete"}, {"wait": "levels"}, {"do": {"seek": 20}}, {"frames": 2},
+        {"do": {"bookmark": "plain"}}, {"do": {"export": "view"}}"#,
+    );
+    // A length in the middle of that view.
+    let middle = notes(tmp.path())["bookmarks"][0]["wall_mm"].clone();
+    let mark = format!(r#"{{"do": {{"mark": {middle}}}}}"#);
+    let steps = r#"{"wait": "complete"}, {"wait": "levels"}, {"do": {"seek": 20}}, {"frames": 2},
+        {"do": {"measure": "length"}}, MARK, MARK, {"frames": 1}, {"do": {"export": "view"}}"#;
+    play(tmp.path(), &[], &steps.replace("MARK", &mark));
+    let read = |name: &str| intima::formats::read_png(&tmp.path().join(name)).unwrap();
+    let (width, height, plain) = read("notes-bookmark-1.png");
+    let views = ["out/mask-view-1.png", "out/mask-view-2.png"].map(|name| {
+        let view = read(name);
+        assert_eq!((view.0, view.1), (width, height));
+        view.2
+    });
+    // Rows that differ, from the top.
+    let rows = |a: &[u8], b: &[u8]| -> Vec<usize> {
+        let row = 3 * width as usize;
+        (0..height as usize)
+            .filter(|y| a[y * row..(y + 1) * row] != b[y * row..(y + 1) * row])
+            .collect()
+    };
+    let marked = rows(&plain, &views[0]);
+    let lowest = height as usize - 1;
+    assert!(marked.contains(&(lowest - 5)), "the notice: {marked:?}");
+    let measured = rows(&views[0], &views[1]);
+    assert!(measured.contains(&(height as usize / 2)), "{measured:?}");
+    assert!(measured.len() < height as usize / 2, "{measured:?}");
+}
+
+/// One report took the place of the other: of the same case, or of another patient.
+#[test]
+fn a_report_saved_twice_is_two_and_that_of_another_case_has_its_name() {
+    if common::gpu(intima::vk::Validate::Off).is_none() {
+        return;
+    }
+    let tmp = folder();
+    let other = Phantom::new(Kind::Tube, 40, [1.0; 3]).unwrap().mask();
+    intima::formats::write_volume(&tmp.path().join("other.nrrd"), &other).unwrap();
+    play_alone(
+        tmp.path(),
+        &["mask.nrrd"],
+        r#"{"wait": "complete"}, {"do": {"bookmark": "stalk"}}, {"do": {"export": "report"}},
+        {"do": {"bookmark": "sessile"}}, {"do": {"export": "report"}},
+        {"do": {"open": "other.nrrd"}}, {"do": "discard"}, {"wait": "complete"},
+        {"do": {"export": "report"}}"#,
+    );
+    let has = |name: &str, finding: &str| {
+        let page = std::fs::read_to_string(tmp.path().join("out").join(name)).unwrap();
+        page.contains(finding)
+    };
+    assert!(has("mask-report-1.html", "stalk") && !has("mask-report-1.html", "sessile"));
+    assert!(has("mask-report-2.html", "sessile"));
+    assert!(!has("other-report-1.html", "stalk"));
 }
 
 /// The lumen had to be chosen again, and the eye, the colour and the branch were those of a new

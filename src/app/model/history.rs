@@ -71,7 +71,7 @@ impl Change {
 }
 
 /// States before the changes that can be taken back, and after those that were.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(super) struct History {
     before: Vec<(Change, Noted)>,
     undone: Vec<(Change, Noted)>,

@@ -122,7 +122,10 @@ impl Model {
     /// Moves the eye to the next patch along the path that was not shown since, or to the one before;
     /// the list goes round.
     pub(super) fn go_to_missed_beside(&mut self, by: isize) {
-        let Some(places) = self.missed_in_order() else { return };
+        let Some(places) = self.missed_in_order() else {
+            self.message = Some("the coverage of the flight is not computed yet".into());
+            return;
+        };
         // From the patch that is marked, else from the eye.
         let marked = self.missed.as_ref().map(|m| m.patch);
         let marked = places.iter().position(|p| Some(p.patch) == marked);
@@ -206,6 +209,8 @@ mod tests {
         let sections = session.sections_along(&flight).unwrap();
         model.take_branch(flight, &sections, route);
         assert!(model.coverage.is_none() && model.missed_in_order().is_none());
+        model.step(0.0, &[Action::NextMissed]);
+        assert!(model.message.as_ref().unwrap().ends_with("not computed yet"), "it says why");
         let (of, flight) = model.take_uncovered().unwrap();
         assert!(model.take_uncovered().is_none(), "once");
         let covered = session.coverage_along(&flight).unwrap();

@@ -30,10 +30,10 @@ impl Model {
                 self.put_found_first();
             }
             Err(SessionError::Format(FormatError::Series { .. })) if self.contents.is_some() => {
-                self.question = Some("choose a series on the right");
+                self.question = Some("choose a series");
             }
             Err(SessionError::Format(FormatError::Segments { .. })) if self.contents.is_some() => {
-                self.question = Some("choose a segment on the right");
+                self.question = Some("choose a segment");
             }
             Err(e) => self.failure = Some(without_flags(&e.to_string())),
         }

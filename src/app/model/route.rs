@@ -13,6 +13,9 @@ use crate::session::FlightRoute;
 /// A path passes a place of the tree if it comes as near, mm.
 const PASSES_MM: f64 = 2.0;
 
+/// Share of the radius about the path within which a place is in the middle of the lumen.
+const MIDDLE: f64 = 0.5;
+
 /// A way to a place, with what a bronchoscopist asks of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WayTo {
@@ -58,7 +61,14 @@ impl Model {
     }
 
     fn arrive_at(&mut self, place: DVec3) {
-        self.look_at(place);
+        let Some(path) = &self.path else { return };
+        let arc_mm = path.nearest_to(place);
+        let beside_mm = path.pose_at(arc_mm).position_mm.as_dvec3().distance(place);
+        // The camera arrives at a place in the middle of the lumen: it gives no direction to look in.
+        match beside_mm > MIDDLE * path.radius_at(arc_mm) {
+            true => self.look_at(place),
+            false => self.fly_to(arc_mm),
+        }
         self.way = self.path.as_ref().map(|path| way_to(path, &self.choices, place));
     }
 }
@@ -101,7 +111,49 @@ fn turns(path: &FlightPath, choices: &[BranchChoice], to_mm: f64) -> Vec<(f64, S
 mod tests {
     use super::super::super::junctions::choices;
     use super::super::super::junctions::tests::{path, tree};
+    use super::super::flown_model;
     use super::*;
+    use crate::app::action::Action;
+    use crate::volume::phantom::Kind;
+
+    /// A click on another bronchus flew to the nearest place of the present path.
+    #[test]
+    fn a_place_of_another_branch_is_flown_to_along_that_branch() {
+        let (mut model, session) = flown_model(Kind::Y, |s| s.centerline.tree = true);
+        let line = model.products.centerline.clone().unwrap();
+        let tip = line.line.branches[1].points.last().unwrap().position_mm;
+        let to_tip = |m: &Model| {
+            let path = m.path.as_ref().unwrap();
+            path.pose_at(path.nearest_to(tip)).position_mm.as_dvec3().distance(tip)
+        };
+        assert!(to_tip(&model) > 5.0, "the first path passes by");
+        let route = model.set_out_through_tree(tip).expect("another route");
+        assert_eq!(route, FlightRoute::Leaf(1));
+        assert!(!model.is_moving() && model.way.is_none(), "not before that route is planned");
+        let flight = session.flight_along(route).unwrap();
+        let sections = session.sections_along(&flight).unwrap();
+        model.take_branch(flight, &sections, route);
+        assert!(model.is_moving());
+        (0..600).for_each(|_| model.step(1.0 / 30.0, &[]));
+        let eye = model.pose.unwrap().position_mm.as_dvec3();
+        assert!(eye.distance(tip) < 3.0 && !model.is_moving(), "{eye} beside {tip}");
+        // A place on the line is no place to turn to: the eye came to rest with any gaze.
+        let path = model.path.as_ref().unwrap();
+        let ahead = path.pose_at(model.arc_mm).forward();
+        assert!(model.on_path && model.pose.unwrap().forward().dot(ahead) > 0.999);
+        let way = model.way.clone().unwrap();
+        assert!((way.arc_mm - model.arc_mm).abs() < 1e-6 && !way.turns.is_empty(), "{way:?}");
+        // A place of this path needs no other one; a branch that was chosen ends the way.
+        let start = model.path.as_ref().unwrap().pose_at(0.0).position_mm.as_dvec3();
+        assert_eq!(model.set_out_through_tree(start), None);
+        assert!(model.is_moving());
+        let first = line.line.branches[0].points.last().unwrap().position_mm;
+        assert_eq!(model.set_out_through_tree(first), Some(FlightRoute::Trunk));
+        model.give_up_way();
+        model.step(0.0, &[Action::Seek(0.0)]);
+        model.go_on_along(FlightRoute::Trunk);
+        assert!(!model.is_moving());
+    }
 
     #[test]
     fn a_way_names_its_turns_and_its_narrowest_place() {

@@ -29,18 +29,27 @@ impl OpenCase {
         Ok(Some(encode_png(width, height, &rgb)))
     }
 
-    pub(super) fn export_view(&mut self, gpu: &mut Gpu) -> Result<(), AppError> {
-        if let Some(png) = self.inside_png(gpu)? {
-            let name = export::free_name(&self.options.export, &self.file_stem("view"), "png");
-            let written = export::write(&self.options.export, &name, &png);
-            self.show_written(written.map(|path| wrote(&path)));
+    /// Writes the inside view as it is seen: marks, scales and notice included.
+    ///
+    /// * `scale`: pixels a point of the window.
+    pub(super) fn export_view(&mut self, gpu: &mut Gpu, scale: f32) -> Result<(), AppError> {
+        if self.panes.has_pictures() {
+            let (picture, size) = (self.panes.inside(), self.panes.inside_size());
+            let picture = (picture, self.panes.is_inside_fine());
+            let rgb = self.marked_view.draw(gpu, &self.model, picture, (size, scale.max(0.5)))?;
+            self.write_picture_file("view", size, &rgb);
         }
         Ok(())
     }
 
     /// Writes a picture of the window, RGB.
-    pub(super) fn export_window(&mut self, [width, height]: [u32; 2], rgb: &[u8]) {
-        let name = export::free_name(&self.options.export, &self.file_stem("window"), "png");
+    pub(super) fn export_window(&mut self, size: [u32; 2], rgb: &[u8]) {
+        self.write_picture_file("window", size, rgb);
+    }
+
+    /// Writes a picture, RGB, under a name that no file of the export folder has.
+    fn write_picture_file(&mut self, kind: &str, [width, height]: [u32; 2], rgb: &[u8]) {
+        let name = export::free_name(&self.options.export, &self.file_stem(kind), "png");
         let png = encode_png(width, height, rgb);
         let written = export::write(&self.options.export, &name, &png);
         self.show_written(written.map(|path| wrote(&path)));

@@ -264,26 +264,17 @@ impl OpenCase {
     /// Whether a request waits for an answer, because notes are in no file of the user's or a flight
     /// would be lost. Asked for again, it waits on.
     pub fn holds_back(&mut self, request: &Request) -> bool {
-        let leaves = matches!(
-            request,
-            Request::Quit
-                | Request::Open(_)
-                | Request::OpenSession(_)
-                | Request::OpenKept(_)
-                | Request::Series(_)
-                | Request::Segment(_)
-                | Request::CloseCase
-        );
+        let leaves = request.leaves_volume();
         if leaves && self.files.own.is_some() && self.model.has_unsaved_notes() {
             let saved = self.save_session();
             saved.err().iter().for_each(|e| tracing::error!("bookmarks are not saved: {e}"));
         }
         let version = Some(self.model.notes_version());
         let is_answered = *request == Request::Quit && self.left_unsaved == version;
-        let leaves_notes = self.model.has_unsaved_notes() && !is_answered;
-        let loses_flight = self.is_saving() && !is_answered;
+        let leaves_notes = leaves && self.model.has_unsaved_notes() && !is_answered;
+        let loses_flight = request.ends_saving() && self.is_saving() && !is_answered;
         // Nobody answers a script.
-        if !leaves || !(leaves_notes || loses_flight) || self.detail == Detail::Settled {
+        if !(leaves_notes || loses_flight) || self.detail == Detail::Settled {
             return false;
         }
         if leaves_notes {
@@ -294,7 +285,7 @@ impl OpenCase {
         }
         self.model.are_notes_kept = self.is_kept();
         self.model.leaving = Some(request.clone());
-        self.model.leaves_flight = loses_flight;
+        (self.model.leaves_notes, self.model.leaves_flight) = (leaves_notes, loses_flight);
         true
     }
 

@@ -10,6 +10,7 @@ use super::super::computation::{Computation, Outcome, TaskKind, WorkStatus};
 use super::super::coverage_recorder::CoverageRecorder;
 use super::super::error::AppError;
 use super::super::kept_notes::KeptNotes;
+use super::super::marked_view::MarkedView;
 use super::super::model::Model;
 use super::super::opening::{Opening, SavedLumen, with_branches};
 use super::super::panes::{Detail, Panes};
@@ -54,6 +55,7 @@ pub struct OpenCase {
     pub model: Model,
     pub(super) ui: UiState,
     pub(super) panes: Panes,
+    pub(super) marked_view: MarkedView,
     /// Volume that is open, or settings of one that is opened later.
     pub(super) options: ViewerOptions,
     pub(super) computation: Option<Computation>,
@@ -96,6 +98,7 @@ impl OpenCase {
             model: Model::of_window(planned_mm_s, recent, window_number(detail)),
             ui: UiState::new(detail == Detail::Live),
             panes: Panes::new(gpu, samples)?,
+            marked_view: MarkedView::default(),
             options,
             computation: None,
             shown_count: 0,
@@ -360,7 +363,7 @@ impl OpenCase {
         }
         for request in &commands.requests {
             if *request == Request::Export(Export::View) {
-                self.export_view(gpu)?;
+                self.export_view(gpu, sizes.scale)?;
             }
         }
         Ok(())
@@ -513,6 +516,7 @@ impl OpenCase {
     /// Puts everything on another device: the one before was lost.
     pub fn reopen(&mut self, gpu: &mut Gpu) -> Result<(), AppError> {
         self.panes = Panes::new(gpu, self.samples)?;
+        self.marked_view.forget_device();
         Ok(self.panes.take(gpu, &self.model.products)?)
     }
 
