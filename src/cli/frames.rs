@@ -8,7 +8,8 @@ use crate::formats::read_plain;
 use crate::lod::vds::Scheme;
 use crate::render::View;
 use crate::session::{
-    FlightRoute, FlightSettings, LevelSettings, Lod, check_frame_rate, check_frame_size,
+    Antialiasing, FlightRoute, FlightSettings, LevelSettings, Lod, check_frame_rate,
+    check_frame_size,
 };
 
 /// Flags of the frames.
@@ -40,9 +41,9 @@ pub struct FrameArgs {
     /// Vertical field of view, degrees
     #[arg(long, value_name = "DEG", default_value_t = 90.0)]
     pub fov: f32,
-    /// Samples a pixel
-    #[arg(long, value_name = "1|4", default_value = "4", value_parser = ["1", "4"])]
-    pub msaa: String,
+    /// How edges are kept from looking like stairs
+    #[arg(long, value_enum, default_value = "auto")]
+    pub msaa: Antialiasing,
     /// Fly from the end to the start
     #[arg(long)]
     pub reverse: bool,
@@ -96,7 +97,7 @@ impl FrameArgs {
             behind_mm: self.behind,
             local_contrast: self.local_contrast,
             fov_y_rad: self.fov.to_radians(),
-            samples: if self.msaa == "1" { 1 } else { 4 },
+            antialiasing: self.msaa,
             reverse: self.reverse,
             route: self.route.unwrap_or_default(),
             script: self.path.as_deref().map(read_script).transpose()?,

@@ -4,6 +4,7 @@
 mod behind;
 mod camera;
 mod contrast;
+mod edges;
 mod error;
 mod inside;
 mod lines;

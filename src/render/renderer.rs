@@ -5,6 +5,7 @@ use std::sync::Arc;
 use super::RenderError;
 use super::behind::PlacedTissue;
 use super::contrast::ContrastTargets;
+use super::edges::EdgeSmoother;
 use super::inside::DrawnParts;
 use super::lines::Tubes;
 use super::picture::{Spares, without_alpha};
@@ -50,6 +51,8 @@ pub const IN_FLIGHT: usize = 3;
 /// frees its resources at the device's next submission.
 pub struct Renderer {
     pub(super) samples: u32,
+    /// Smooths the edges of finished pictures, where asked to.
+    edges: Option<EdgeSmoother>,
     pub(super) pipelines: Pipelines,
     pub(super) targets: Targets,
     /// Images that the six faces of a panorama are drawn to.
@@ -80,13 +83,31 @@ impl Renderer {
     /// [`RenderError::BadSize`]; [`RenderError::Vulkan`] when the device runs out of memory. After
     /// an error nothing stays on the device.
     pub fn new(gpu: &mut Gpu, width: u32, height: u32, samples: u32) -> Result<Self, RenderError> {
-        let extent = [width, height];
+        Self::make(gpu, [width, height], samples, None)
+    }
+
+    /// Creates a renderer of frames with one sample a pixel, whose edges are smoothed as the frames are
+    /// fetched: on software Vulkan, where four samples take as long again as the frame.
+    ///
+    /// # Errors
+    /// As [`Renderer::new`].
+    pub fn with_smooth_edges(gpu: &mut Gpu, width: u32, height: u32) -> Result<Self, RenderError> {
+        Self::make(gpu, [width, height], 1, Some(EdgeSmoother::new()))
+    }
+
+    fn make(
+        gpu: &mut Gpu,
+        extent: [u32; 2],
+        samples: u32,
+        edges: Option<EdgeSmoother>,
+    ) -> Result<Self, RenderError> {
         gpu.all_or_none(|gpu| {
-            let targets = Targets::new(gpu, extent, samples)?;
+            let targets = Targets::new(gpu, extent, samples, edges.is_some())?;
             let slots =
                 (0..IN_FLIGHT).map(|_| ReadbackSlot::new(gpu, extent)).collect::<Result<_, _>>()?;
             Ok(Self {
                 samples,
+                edges,
                 pipelines: Pipelines::new(gpu, samples)?,
                 frustum: upload_tubes(gpu, &Tubes::frustum())?,
                 ball: upload_tubes(gpu, &Tubes::ball())?,
@@ -117,7 +138,7 @@ impl Renderer {
         if self.size() == [width, height] {
             return Ok(());
         }
-        let targets = Targets::new(gpu, [width, height], self.samples)?;
+        let targets = Targets::new(gpu, [width, height], self.samples, self.edges.is_some())?;
         self.finished = targets.picture;
         std::mem::replace(&mut self.targets, targets).release(&self.releaser);
         self.contrast.take().iter().for_each(|c| c.release(&self.releaser));
@@ -362,6 +383,9 @@ impl Renderer {
         let rgba = &gpu.read(buffer)?[..4 * pixels];
         let mut rgb = self.spares.take(3 * pixels);
         without_alpha(rgba, &mut rgb);
+        if let Some(edges) = &mut self.edges {
+            edges.smooth(&mut rgb, [width, height]);
+        }
         Ok(rgb)
     }
 

@@ -24,7 +24,15 @@ pub(super) struct Targets {
 
 impl Targets {
     /// Creates all images, or none.
-    pub fn new(gpu: &mut Gpu, extent: [u32; 2], samples: u32) -> Result<Self, RenderError> {
+    ///
+    /// * `is_antialiased`: whether glass is drawn with four pixels for each of the picture although a
+    ///   pixel has one sample.
+    pub fn new(
+        gpu: &mut Gpu,
+        extent: [u32; 2],
+        samples: u32,
+        is_antialiased: bool,
+    ) -> Result<Self, RenderError> {
         let [width, height] = extent;
         let possible = matches!(samples, 1 | 4) && samples <= gpu.info().max_samples;
         let most = gpu.info().max_image_side.min(MAX_SIDE);
@@ -33,18 +41,22 @@ impl Targets {
         }
         // A whole organ's triangles are smaller than a pixel: four samples of each cost more than
         // four pixels.
-        let glass_grid = if samples > 1 && 2 * width.max(height) <= most { 2 } else { 1 };
+        let is_fine = (samples > 1 || is_antialiased) && 2 * width.max(height) <= most;
+        let glass_grid = if is_fine { 2 } else { 1 };
         let fine = extent.map(|side| glass_grid * side);
         gpu.all_or_none(|gpu| {
             let mut image = |name, format, extent, samples| {
                 gpu.image(name, ImageSpec { format, extent, samples })
             };
             let depth = image("depth", DEPTH, extent, samples)?;
-            let (picture_many, glass_depth, kept_depth) = match samples {
-                1 => (None, depth, depth),
+            let glass_depth = match (samples, glass_grid) {
+                (1, 1) => depth,
+                _ => image("depth of the glass", DEPTH, fine, 1)?,
+            };
+            let (picture_many, kept_depth) = match samples {
+                1 => (None, depth),
                 _ => (
                     Some(image("picture", PICTURE, extent, samples)?),
-                    image("depth of the glass", DEPTH, fine, 1)?,
                     image("depth of one sample", DEPTH, extent, 1)?,
                 ),
             };

@@ -81,7 +81,7 @@ impl Renderer {
         if self.faces.as_ref().is_some_and(|f| f.extent == extent) {
             return Ok(());
         }
-        let new = Targets::new(gpu, extent, self.samples)?;
+        let new = Targets::new(gpu, extent, self.samples, false)?;
         if let Some(old) = self.faces.replace(new) {
             old.release(&self.releaser);
         }

@@ -8,7 +8,8 @@ use glam::Vec3;
 use super::levels::{LodReport, WallForm};
 use super::pictures::KeptFrames;
 use super::{
-    Clock, FlightRoute, FramesReport, OpenDevice, Product, Session, SessionError, locked, present,
+    Antialiasing, Clock, FlightRoute, FlightSettings, FramesReport, OpenDevice, Product, Session,
+    SessionError, locked, present,
 };
 use crate::behind::BehindWall;
 use crate::device::{Device, DeviceError};
@@ -97,9 +98,7 @@ impl Session {
         } else {
             let mut gpu = Gpu::open(Choice::Any).map_err(DeviceError::from)?;
             let name = gpu.info().name.clone();
-            let s = &self.settings.flight;
-            let renderer = Renderer::new(&mut gpu, s.size[0], s.size[1], s.samples)?;
-            let renderer = Mutex::new(Some(renderer));
+            let renderer = Mutex::new(Some(self.new_renderer(&mut gpu)?));
             Display { device, own: Mutex::new(Some(gpu)), renderer, name }
         };
         let [width, height] = self.settings.flight.size;
@@ -209,12 +208,24 @@ impl Session {
 
     /// The renderer of a display, or a new one while another stream has it.
     pub(super) fn take_renderer(&self, display: &Display) -> Result<Renderer, SessionError> {
-        let s = &self.settings.flight;
         let taken = locked(&display.renderer).take();
         display.on_device(|gpu| match taken {
             Some(renderer) if renderer.is_on(gpu) => Ok(renderer),
-            _ => Renderer::new(gpu, s.size[0], s.size[1], s.samples),
+            _ => self.new_renderer(gpu),
         })
+    }
+
+    fn new_renderer(&self, gpu: &mut Gpu) -> Result<Renderer, RenderError> {
+        let FlightSettings { size: [width, height], antialiasing, .. } = self.settings.flight;
+        match (antialiasing, gpu.info().is_real()) {
+            (Antialiasing::Off, _) => Renderer::new(gpu, width, height, 1),
+            (Antialiasing::Samples, _) | (Antialiasing::Auto, true) => {
+                Renderer::new(gpu, width, height, 4)
+            }
+            (Antialiasing::Edges, _) | (Antialiasing::Auto, false) => {
+                Renderer::with_smooth_edges(gpu, width, height)
+            }
+        }
     }
 
     /// The pieces of the path in the order and direction in which they are flown.

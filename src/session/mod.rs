@@ -61,8 +61,8 @@ pub use report::{
 pub use search::Exterior;
 pub use segmentation::{Core, Segmented};
 pub use settings::{
-    CenterlineSettings, EndPoint, FlightRoute, FlightSettings, LevelSettings, Lod, LumenSettings,
-    Reading, Seed, Settings, Source, VolumeSource, WallMethod, WallSettings,
+    Antialiasing, CenterlineSettings, EndPoint, FlightRoute, FlightSettings, LevelSettings, Lod,
+    LumenSettings, Reading, Seed, Settings, Source, VolumeSource, WallMethod, WallSettings,
 };
 pub use settings_check::{SettingError, check_frame_rate, check_frame_size};
 pub use stages::{Product, Products, kernels};

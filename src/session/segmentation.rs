@@ -10,7 +10,7 @@ use glam::{IVec3, UVec3};
 
 use super::load::{InputVolume, Loaded, canonical};
 use super::memory::{RunSize, estimate_bytes, in_parts_bytes};
-use super::settings::{Lod, Seed, Source, VolumeSource, WallMethod};
+use super::settings::{Antialiasing, Lod, Seed, Source, VolumeSource, WallMethod};
 use super::{Clock, Session, SessionError, present, read_any_volume, refuse_above};
 use crate::compute::Plan;
 use crate::device::Device;
@@ -313,7 +313,7 @@ impl Session {
             is_field: field_bricks.is_some(),
             is_organ: self.settings.lumen.organ.is_some(),
             pixels: self.settings.flight.size.iter().map(|s| u64::from(*s)).product(),
-            is_multisampled: self.settings.flight.samples > 1,
+            is_multisampled: self.settings.flight.antialiasing != Antialiasing::Off,
             is_subdivided: self.settings.drawn_lod() == Lod::Vds,
         };
         let bytes = estimate_bytes(&size, |p| self.expects(p));

@@ -212,6 +212,27 @@ pub enum FlightRoute {
     All,
 }
 
+/// Ways to keep edges in a frame from looking like stairs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+pub enum Antialiasing {
+    /// Four samples on a GPU; `edges` where software draws.
+    #[default]
+    #[serde(rename = "auto")]
+    Auto,
+    /// One sample a pixel.
+    #[serde(rename = "1")]
+    #[cfg_attr(feature = "cli", value(name = "1"))]
+    Off,
+    /// Four samples a pixel.
+    #[serde(rename = "4")]
+    #[cfg_attr(feature = "cli", value(name = "4"))]
+    Samples,
+    /// One sample a pixel, and the stairs along edges become slanted lines.
+    #[serde(rename = "edges")]
+    Edges,
+}
+
 /// The flight and its frames.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlightSettings {
@@ -228,8 +249,8 @@ pub struct FlightSettings {
     pub local_contrast: f32,
     /// Vertical field of view, radians.
     pub fov_y_rad: f32,
-    /// Samples a pixel, 1 or 4.
-    pub samples: u32,
+    /// How edges are kept from looking like stairs.
+    pub antialiasing: Antialiasing,
     /// Whether the flight goes from the end to the start.
     pub reverse: bool,
     /// Branches that are flown.
@@ -249,7 +270,7 @@ impl Default for FlightSettings {
             behind_mm: None,
             local_contrast: 0.0,
             fov_y_rad: std::f32::consts::FRAC_PI_2,
-            samples: 4,
+            antialiasing: Antialiasing::Auto,
             reverse: false,
             route: FlightRoute::Trunk,
             script: None,

@@ -141,7 +141,6 @@ impl FlightSettings {
         ensure(has_inside, "behind", self.behind_mm.unwrap_or_default(), || {
             "for views from inside, not for the overview".into()
         })?;
-        ensure([1, 4].contains(&self.samples), "msaa", self.samples, || "1 or 4".into())?;
         let counts = 1..=MAX_FRAMES;
         self.script_frames.map_or(Ok(()), |n| within("frames", n, &counts, ""))?;
         match self.frames {
@@ -190,12 +189,11 @@ mod tests {
             let weights = Weights::Uniform;
             Some(Smoothing::Steps(Fairing { steps, lambda, weights }))
         };
-        let refused: [(&str, Change); 9] = [
+        let refused: [(&str, Change); 8] = [
             ("threads", |s| s.threads = Some(0)),
             ("pixel_error", |s| s.levels.pixel_error = f32::NAN),
             ("size", |s| s.flight.size = [15, 720]),
             ("fov", |s| s.flight.fov_y_rad = 3.1),
-            ("msaa", |s| s.flight.samples = 2),
             ("frames", |s| s.flight.frames = Frames::Count(0)),
             ("speed", |s| s.flight.frames = Frames::Speed { mm_per_s: f64::NAN, fps: 25.0 }),
             ("fps", |s| s.flight.frames = Frames::Speed { mm_per_s: 1.0, fps: 0.0 }),

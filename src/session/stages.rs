@@ -227,7 +227,7 @@ products! {
         | "distance, ridge" 6.0 [Lumen Device] () Device is_paper_mode run_ridge_fields;
     /// The renderer on its device.
     pub(super) Display display: Display =
-        "renderer" 1.0 [Device] (flight.size, flight.samples) Cpu always run_display;
+        "renderer" 1.0 [Device] (flight.size, flight.antialiasing) Cpu always run_display;
     /// The centred route: path or tree.
     pub(super) Route route: Routed =
         "route" 15.0 [Lumen Fields] (centerline.from, centerline.to, centerline.tree, centerline.loops) Cpu is_default_mode run_route;

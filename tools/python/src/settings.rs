@@ -10,7 +10,7 @@ use intima::formats::ReadOptions;
 use intima::lumen::IntensitySelection;
 use intima::organ::OrganOptions;
 use intima::session::{
-    CenterlineSettings, EndPoint, FlightRoute, FlightSettings, LevelSettings, LumenSettings, Seed,
+    Antialiasing, CenterlineSettings, EndPoint, FlightRoute, FlightSettings, LevelSettings, LumenSettings, Seed,
     SettingError, Settings, WallSettings,
 };
 use intima::surface::{Fairing, Smoothing};
@@ -245,12 +245,24 @@ fn flight(given: &Remaining<'_>) -> PyResult<FlightSettings> {
         behind_mm: given.take("behind")?,
         local_contrast: given.take("local_contrast")?.unwrap_or(0.0),
         fov_y_rad: given.take::<f32>("fov")?.unwrap_or(90.0).to_radians(),
-        samples: given.take("msaa")?.unwrap_or(4),
+        antialiasing: antialiasing(given)?.unwrap_or_default(),
         reverse: given.flag("reverse", false)?,
         route: route(given)?,
         script,
         script_frames: count,
     })
+}
+
+/// A word, or a number of samples.
+fn antialiasing(given: &Remaining<'_>) -> PyResult<Option<Antialiasing>> {
+    let samples = given.0.get_item("msaa")?.and_then(|value| value.extract::<u32>().ok());
+    match samples {
+        Some(samples) => {
+            given.0.del_item("msaa")?;
+            word("msaa", &samples.to_string()).map(Some)
+        }
+        None => given.word("msaa"),
+    }
 }
 
 /// Branches that are flown: `trunk`, `all` or `leaf:N`.

@@ -109,8 +109,8 @@ class Settings(WallSettings, CenterlineSettings, total=False):
     """Depth of the tissue behind the wall that a frame shows, mm; the translucent view alone shows some."""
     fov: float
     """Vertical field of view, degrees."""
-    msaa: Literal[1, 4]
-    """Samples a pixel."""
+    msaa: Literal["auto", "edges", 1, 4]
+    """How edges are kept from looking like stairs: samples a pixel, or one and its edges smoothed."""
     reverse: bool
     """Fly from the end to the start."""
     route: str
