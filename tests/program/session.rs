@@ -13,8 +13,8 @@ use intima::lumen::IntensitySelection;
 use intima::organ::Organ;
 use intima::render::View;
 use intima::session::{
-    CenterlineReport, FlightRoute, LevelSettings, Lod, LumenSettings, Mode, Product, Session,
-    SessionError, Settings, Source, VolumeSource, WallForm, WallMethod,
+    Antialiasing, CenterlineReport, FlightRoute, LevelSettings, Lod, LumenSettings, Mode, Product,
+    Session, SessionError, Settings, Source, VolumeSource, WallForm, WallMethod,
 };
 use intima::surface::{Fairing, Smoothing};
 use intima::volume::phantom::{Kind, Phantom};
@@ -244,6 +244,27 @@ fn a_released_volume_is_given_again_when_asked_for() {
     let (done, answer) = std::sync::mpsc::channel();
     std::thread::spawn(move || done.send(session.volume().is_ok()));
     assert_eq!(answer.recv_timeout(Duration::from_secs(60)), Ok(true));
+}
+
+/// Four samples took more of a run than all the rest of it where software draws.
+#[test]
+fn frames_have_four_samples_on_a_gpu_and_smoothed_edges_where_software_draws() {
+    let Some(gpu) = common::gpu(intima::vk::Validate::Off) else { return };
+    let volume = phantom(Kind::Bend, 48);
+    let frames = |antialiasing| {
+        let mut settings = Settings::default();
+        settings.flight.frames = Frames::Count(2);
+        settings.flight.size = [160, 120];
+        settings.flight.antialiasing = antialiasing;
+        let mut stream = session(&volume, settings).frames().unwrap();
+        let next = || stream.next_frame().unwrap().map(|frame| frame.rgb);
+        std::iter::from_fn(next).collect::<Vec<_>>()
+    };
+    let [auto, off, samples, edges] =
+        [Antialiasing::Auto, Antialiasing::Off, Antialiasing::Samples, Antialiasing::Edges]
+            .map(frames);
+    assert!(auto == if gpu.info().is_real() { samples.clone() } else { edges.clone() });
+    assert!(off != samples && off != edges && edges != samples);
 }
 
 #[test]
