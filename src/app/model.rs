@@ -315,7 +315,7 @@ impl Model {
     }
 
     /// A model of another lumen of the same volume. Notes stay as they are: a finding's length along the
-    /// path counts only where the present path passes there, see [`Model::arc_of`].
+    /// path counts only where the present path passes there.
     pub fn reset_lumen(&self) -> Self {
         let (bookmarks, measurements) = (self.bookmarks.clone(), self.measurements.clone());
         let (notes_version, saved_version) = (self.notes_version, self.saved_version);
