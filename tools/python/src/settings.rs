@@ -10,8 +10,8 @@ use intima::formats::ReadOptions;
 use intima::lumen::IntensitySelection;
 use intima::organ::OrganOptions;
 use intima::session::{
-    Antialiasing, CenterlineSettings, EndPoint, FlightRoute, FlightSettings, LevelSettings, LumenSettings, Seed,
-    SettingError, Settings, WallSettings,
+    Antialiasing, CenterlineSettings, EndPoint, FlightRoute, FlightSettings, LevelSettings,
+    LumenSettings, Seed, SettingError, Settings, WallSettings,
 };
 use intima::surface::{Fairing, Smoothing};
 use pyo3::prelude::*;
