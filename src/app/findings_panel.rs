@@ -49,7 +49,7 @@ fn new_finding(ui: &mut Ui, model: &Model, state: &mut PanelState, commands: &mu
         let field = ui.add(text);
         let entered = field.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
         let add = ui.add_enabled(has_eye, egui::Button::new("Add finding"));
-        let add = add.on_hover_text("Of what the eye looks at (B)");
+        let add = add.on_hover_text("At the wall in the middle of the view (B)");
         if add.on_disabled_hover_text(NO_VIEW).clicked() || (entered && has_eye) {
             commands.act(Action::Bookmark(std::mem::take(&mut state.note)));
         }

@@ -320,7 +320,7 @@ mod tests {
         assert!(of(|o| o.1) > 0 && of(|o| !o.1) > 0, "so do sections: {offered:?}");
     }
 
-    /// The tab sprang open when a question came: clicks on what it replaced chose an organ.
+    /// The tab sprang open when a question came. Clicks on buttons of the tab before chose an organ.
     #[test]
     fn nothing_in_the_panel_moves_when_a_question_comes() {
         let mut model = Model::new(20.0);

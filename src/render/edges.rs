@@ -133,7 +133,7 @@ impl EdgeSmoother {
         }
     }
 
-    /// Follows each run of edges of one kind and notes what the line along it cuts off.
+    /// Follows each run of edges of one kind. Notes the areas of pixels that the line along the run cuts off.
     fn follow_runs(&mut self, kind: usize, Direction { along, across }: Direction) {
         let (own, crossing) = (&self.edges[kind], &self.edges[1 - kind]);
         // Where a run ends, an edge that crosses its line on one side is a step to that side.
