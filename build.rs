@@ -132,12 +132,19 @@ impl Built {
             .find(|(_, v)| v.space == AddressSpace::Immediate)
             .map_or((String::new(), 0), |(_, v)| self.params(v.ty));
         let mut entries = String::new();
-        for e in &self.module.entry_points {
+        for (number, e) in self.module.entry_points.iter().enumerate() {
+            let used = self.info.get_entry_point(number);
+            let is_read =
+                |(handle, var): (naga::Handle<naga::GlobalVariable>, &naga::GlobalVariable)| {
+                    var.binding.is_some() && !used[handle].is_empty()
+                };
+            let has_bindings = self.module.global_variables.iter().any(is_read);
             let is_vertex = e.stage == naga::ShaderStage::Vertex;
             let attributes = if is_vertex { self.locations(&e.function) } else { 0 };
             let _ = write!(
                 entries,
-                "DrawEntry {{ name: \"{}\", is_vertex: {is_vertex}, attributes: {attributes} }}, ",
+                "DrawEntry {{ name: \"{}\", is_vertex: {is_vertex}, attributes: {attributes}, \
+                 has_bindings: {has_bindings} }}, ",
                 e.name
             );
         }

@@ -21,6 +21,8 @@ struct Params {
     opacity: f32,      // of glass: 1 as it is, 0 none, 2 solid
 }
 var<immediate> params: Params;
+// Of refined faces, by slot: fineness inside and on the three sides, a byte each, 32 to a level.
+@group(0) @binding(0) var<storage, read> fineness_of_slots: array<u32>;
 
 // Pale, wet tissue. The diffuse part is the cube of the cosine and hardly any light fills in: under a
 // lamp this near, slopes of a wall that faces it show only so.
@@ -84,25 +86,37 @@ fn project_coloured(
 }
 
 // A vertex of a patch that stays on the device. It moves from the edge that it splits to its own
-// place: `word` has the fineness of the patch and of its sides, a byte each, 32 to a level. `carrier`
-// says by its low byte which of them the vertex follows, as a shift, and above it 32 times the level at
-// which the vertex is inserted. Twin: `lod::vds::patch`.
-@vertex
-fn project_patch(
+// place. Bits of `carrier`: 5 for the bit of the patch's word at which the fineness begins that the
+// vertex follows; 8 for 32 times the level at which the vertex is inserted; the slot of its face.
+// Twin: `lod::morph`.
+struct PatchVertex {
     @location(0) position: vec3<f32>,
     @location(1) normal: vec4<f32>,
     @location(2) edge_position: vec3<f32>,
     @location(3) edge_normal: vec4<f32>,
     @location(4) carrier: u32,
-    @builtin(instance_index) word: u32,
-) -> Wall {
-    let fineness = (word >> (carrier & 31u)) & 255u;
-    let gone = clamp(i32(fineness) + 32 - i32(carrier >> 8u), 0, 32);
+}
+
+fn morphed(vertex: PatchVertex, word: u32) -> Wall {
+    let fineness = (word >> (vertex.carrier & 31u)) & 255u;
+    let born = (vertex.carrier >> 5u) & 255u;
+    let gone = clamp(i32(fineness) + 32 - i32(born), 0, 32);
     let share = f32(gone) * (1.0 / 32.0);
     return projected(
-        edge_position * (1.0 - share) + position * share,
-        edge_normal * (1.0 - share) + normal * share,
+        vertex.edge_position * (1.0 - share) + vertex.position * share,
+        vertex.edge_normal * (1.0 - share) + vertex.normal * share,
     );
+}
+
+@vertex
+fn project_patch(vertex: PatchVertex, @builtin(instance_index) word: u32) -> Wall {
+    return morphed(vertex, word);
+}
+
+// The same of refined faces, all of an eye in one draw. `first`: where the eye's slots begin.
+@vertex
+fn project_face(vertex: PatchVertex, @builtin(instance_index) first: u32) -> Wall {
+    return morphed(vertex, fineness_of_slots[first + (vertex.carrier >> 13u)]);
 }
 
 fn plain(wall: ColouredWall) -> Wall {

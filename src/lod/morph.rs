@@ -16,8 +16,9 @@ pub struct PatchVertex {
     pub own: Vertex,
     /// Middle of the edge that it splits.
     pub on_edge: Vertex,
-    /// Bits 0 to 7: bit of the patch's word at which the fineness of its carrier begins; bits 8 to
-    /// 15: [`MORPH_STEPS`] times the level at which it is inserted.
+    /// From the lowest bit on: 5 bits for the bit of the patch's word at which the fineness of its
+    /// carrier begins; 8 for [`MORPH_STEPS`] times the level at which it is inserted; 19 for the slot
+    /// of its face, of a refined face.
     pub carrier: u32,
 }
 
@@ -25,15 +26,21 @@ impl PatchVertex {
     /// Word of a vertex that follows a carrier, 0 the patch and 1 + e its side e, and is inserted at
     /// a level.
     pub fn carrier_word(carrier: u32, born: u32) -> u32 {
-        (8 * carrier) | ((MORPH_STEPS * born) << 8)
+        (8 * carrier) | ((MORPH_STEPS * born) << 5)
     }
 
-    /// The vertex as the device draws it: twin of `project_patch` in `shaders/draw/surface.wgsl`.
+    /// The same vertex in a slot.
+    pub fn in_slot(self, slot: u32) -> Self {
+        Self { carrier: self.carrier | slot << 13, ..self }
+    }
+
+    /// The vertex as the device draws it: twin of `morphed` in `shaders/draw/surface.wgsl`.
     ///
     /// * `word`: fineness of the patch and of its three sides, a byte each.
     pub fn morphed(&self, word: u32) -> Vertex {
-        let fine = word >> (self.carrier & 0xff) & 0xff;
-        let gone = (fine + MORPH_STEPS).saturating_sub(self.carrier >> 8).min(MORPH_STEPS);
+        let fine = word >> (self.carrier & 31) & 0xff;
+        let born = self.carrier >> 5 & 0xff;
+        let gone = (fine + MORPH_STEPS).saturating_sub(born).min(MORPH_STEPS);
         if gone == MORPH_STEPS {
             return self.own;
         }

@@ -261,29 +261,32 @@ pub fn bounding_cone(cones: impl Iterator<Item = Cone> + Clone) -> Cone {
     let Some(axis) = sum.try_normalize() else {
         return Cone::default();
     };
-    // Angles add; f64, since a cosine near 1 says little in f32.
+    // Angles add, by the cosine and sine of their sum; f64, since a cosine near 1 says little in f32.
     let a = axis.as_dvec3().normalize();
-    let mut widest: f64 = 0.0;
-    // Cosine and sine of the cone that is widest so far: cones within both need no angles.
+    let (mut cosine, mut sine): (f64, f64) = (1.0, 0.0);
+    // Largest angle to an axis and largest sine so far: cones within both need no sum.
     let mut of_widest = (1.0, -1.0);
     for c in cones {
         if c.sine.is_nan() || c.sine >= 1.0 {
             return Cone::default();
         }
-        let (b, sine) = (c.axis.as_dvec3(), f64::from(c.sine));
-        let cosine = a.dot(b) / b.length();
-        if cosine >= of_widest.0 && sine <= of_widest.1 {
+        let (b, own) = (c.axis.as_dvec3(), f64::from(c.sine));
+        let towards = (a.dot(b) / b.length()).clamp(-1.0, 1.0);
+        if towards >= of_widest.0 && own <= of_widest.1 {
             continue;
         }
-        let angle = cosine.clamp(-1.0, 1.0).acos() + sine.asin();
-        if angle >= widest {
-            (widest, of_widest) = (angle, (cosine, sine));
+        let [away, own_cosine] = [towards, own].map(|part| (1.0 - part * part).sqrt());
+        let sum = towards * own_cosine - away * own;
+        if sum <= cosine {
+            (cosine, sine) = (sum, away * own_cosine + towards * own);
+            of_widest = (towards, own);
         }
     }
-    if widest >= std::f64::consts::FRAC_PI_2 {
+    // A half-space, or a sum beyond it.
+    if cosine <= 0.0 {
         return Cone::default();
     }
-    Cone { axis, sine: (widest.sin() * (1.0 + 1e-6)) as f32 + 1e-6 }
+    Cone { axis, sine: (sine * (1.0 + 1e-6)) as f32 + 1e-6 }
 }
 
 #[cfg(test)]

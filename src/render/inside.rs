@@ -65,23 +65,24 @@ impl Renderer {
                 let indirect =
                     |of: &[DrawnRange]| DrawRange::Indirect(of.iter().map(indexed).collect());
                 draws.iter_mut().for_each(|draw| draw.range = indirect(visible.ranges));
-                if let Some(refined) = &model.refined {
-                    draws.push(Draw {
-                        pipeline: patches,
-                        push: push.to_vec(),
-                        vertices: Some(refined.vertices),
-                        indices: Some(refined.indices),
-                        range: indirect(visible.refined),
-                        images: Vec::new(),
-                        buffers: Vec::new(),
-                        scissor: None,
-                    });
-                }
-                stats.draws += (visible.ranges.len() + visible.refined.len()) as u32;
-                stats.triangles += visible.triangles;
                 let is_empty =
                     |d: &Draw| matches!(&d.range, DrawRange::Indirect(of) if of.is_empty());
                 draws.retain(|draw| !is_empty(draw));
+                stats.draws += visible.ranges.len() as u32;
+                if let (Some(range), Some(faces)) = (visible.refined, &model.refined) {
+                    draws.push(Draw {
+                        pipeline: if shows_backs { p.faces } else { p.face_fronts },
+                        push: push.to_vec(),
+                        vertices: Some(faces.vertices),
+                        indices: Some(faces.indices),
+                        range: DrawRange::Indirect(vec![range]),
+                        images: Vec::new(),
+                        buffers: vec![faces.fineness],
+                        scissor: None,
+                    });
+                    stats.draws += 1;
+                }
+                stats.triangles += visible.triangles;
             }
         }
         let targets = self.inside_targets(shot.view);
@@ -116,8 +117,8 @@ pub(super) struct Lamp {
 pub(super) struct DrawnParts<'a> {
     /// Ranges of the wall's own indices.
     pub ranges: &'a [DrawnRange],
-    /// Ranges of the templates of refined faces.
-    pub refined: &'a [DrawnRange],
+    /// Its refined faces, if there are any.
+    pub refined: Option<IndexedRange>,
     pub triangles: u64,
 }
 

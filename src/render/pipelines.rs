@@ -19,6 +19,9 @@ pub(super) struct Pipelines {
     /// Inside view of walls whose patches stay on the device and morph, and that without back faces.
     pub patches: DrawPipelineId,
     pub patch_fronts: DrawPipelineId,
+    /// Inside view of refined faces in slots, and that without back faces.
+    pub faces: DrawPipelineId,
+    pub face_fronts: DrawPipelineId,
     /// Inside view of a wall whose vertices have colours.
     pub inside_coloured: DrawPipelineId,
     pub lines: DrawPipelineId,
@@ -64,8 +67,8 @@ impl Pipelines {
             attributes: &[Attribute::F32x3, Attribute::Snorm16x4, Attribute::Unorm8x4],
             ..surface.clone()
         };
-        let morphing = |wall: &DrawSpec| DrawSpec {
-            entries: ["project_patch", wall.entries[1]],
+        let morphing = |project: &'static str, wall: &DrawSpec| DrawSpec {
+            entries: [project, wall.entries[1]],
             attributes: &[
                 Attribute::F32x3,
                 Attribute::Snorm16x4,
@@ -121,8 +124,10 @@ impl Pipelines {
         Ok(Self {
             inside: gpu.draw_pipeline(&surface)?,
             inside_fronts: gpu.draw_pipeline(&fronts)?,
-            patches: gpu.draw_pipeline(&morphing(&surface))?,
-            patch_fronts: gpu.draw_pipeline(&morphing(&fronts))?,
+            patches: gpu.draw_pipeline(&morphing("project_patch", &surface))?,
+            patch_fronts: gpu.draw_pipeline(&morphing("project_patch", &fronts))?,
+            faces: gpu.draw_pipeline(&morphing("project_face", &surface))?,
+            face_fronts: gpu.draw_pipeline(&morphing("project_face", &fronts))?,
             inside_coloured: gpu.draw_pipeline(&coloured)?,
             lines: gpu.draw_pipeline(&lines)?,
             glass: plain_glass,
@@ -162,7 +167,8 @@ impl Pipelines {
     pub fn release(&self, releaser: &Releaser) {
         let Self { inside, inside_fronts, inside_coloured, lines, stack, panorama, .. } = *self;
         let single = [inside, inside_fronts, inside_coloured, lines, stack, panorama];
-        let single = single.into_iter().chain([self.patches, self.patch_fronts, self.behind]);
+        let morphing = [self.patches, self.patch_fronts, self.faces, self.face_fronts];
+        let single = single.into_iter().chain(morphing).chain([self.behind]);
         let contrast =
             [self.contrast_gather, self.contrast_blur, self.contrast_fit, self.contrast_lay];
         let single = single.chain(contrast);
@@ -261,6 +267,7 @@ mod tests {
             let indices = [0, 1, 2, 1, 2, most];
             s.gpu.index_buffer("indices", &indices).unwrap()
         });
+        let never_written = s.gpu.empty_indices("no indices", 6).unwrap();
         let (plain, colour, vertices) = (s.draw(), s.colour, s.vertices);
         let fits = Draw { indices: Some(within), range: DrawRange::Direct(0..6), ..plain.clone() };
         let indirect = |first_index, indices, first_vertex| {
@@ -276,6 +283,7 @@ mod tests {
         assert!(!refused(plain.clone()));
         let wrong = [
             ("indices that are not there", Draw { range: DrawRange::Direct(3..9), ..fits.clone() }),
+            ("indices that nobody wrote", Draw { indices: Some(never_written), ..fits.clone() }),
             ("a vertex that is not there", Draw { indices: Some(beyond), ..fits.clone() }),
             ("no vertices", Draw { vertices: None, ..fits.clone() }),
             ("vertices past the end", Draw { range: DrawRange::Direct(3..6), ..plain }),

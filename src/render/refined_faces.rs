@@ -5,28 +5,78 @@ use std::sync::Arc;
 use super::RenderError;
 use crate::lod::VisibleWall;
 use crate::lod::refined::{PlacedFaces, RefinedSlots, RefinedWall, SlotWrite};
-use crate::vk::{BufferId, Frame, Gpu, Releaser, Write};
+use crate::vk::{BufferId, Frame, Gpu, IndexedRange, Releaser, Write};
 
-/// Bytes that are written with the frame that draws them; more are written before it, in parts.
+/// Bytes of vertices that are written with the frame that draws them; more are written before it, in
+/// parts.
 const WITH_FRAME: usize = 4 << 20;
+/// Largest number of inside views of a frame: the faces of a cube.
+const MAX_EYES: u32 = 6;
+/// Bytes of an index and of the fineness of a slot.
+const WORD: u64 = size_of::<u32>() as u64;
+/// Indices for which there is room from the start.
+const FIRST_INDICES: u64 = 1 << 18;
 
-/// Slots of refined faces on the device, and the templates that index them.
+/// Slots of refined faces on the device. The faces that an eye draws are one range of indices, written
+/// anew for each frame, and a word for each slot.
 pub struct RefinedFaces {
     wall: Arc<RefinedWall>,
     slots: RefinedSlots,
+    releaser: Releaser,
     pub vertices: BufferId,
     pub indices: BufferId,
+    /// Number of indices for which there is room.
+    room: u64,
+    /// Fineness of the faces in all slots, for one eye after the other.
+    pub fineness: BufferId,
+}
+
+/// The refined faces of a frame.
+pub struct FrameFaces {
+    /// What each eye draws.
+    pub eyes: Vec<PlacedFaces>,
+    /// Vertices that the frame writes.
+    vertices: Vec<SlotWrite>,
+    /// Number of faces that wait for a later frame.
+    pub waiting: usize,
+}
+
+impl FrameFaces {
+    /// Returns the range of indices that an eye draws, if there are any.
+    pub fn range(&self, eye: usize) -> Option<IndexedRange> {
+        let indices = self.eyes[eye].indices.len() as u32;
+        (indices > 0).then(|| IndexedRange {
+            first_index: self.first_index(eye) as u32,
+            indices,
+            first_vertex: 0,
+            instance: first_word(eye),
+        })
+    }
+
+    /// Indices of all earlier eyes.
+    fn first_index(&self, eye: usize) -> u64 {
+        self.eyes[..eye].iter().map(|eye| eye.indices.len() as u64).sum()
+    }
+}
+
+/// Where the slots of an eye begin.
+fn first_word(eye: usize) -> u32 {
+    eye as u32 * RefinedSlots::count()
 }
 
 impl RefinedFaces {
     /// Creates slots without content.
     pub fn new(gpu: &mut Gpu, wall: Arc<RefinedWall>) -> Result<Self, RenderError> {
+        let words = u64::from(MAX_EYES * RefinedSlots::count());
         gpu.all_or_none(|gpu| {
             Ok(Self {
                 wall,
                 slots: RefinedSlots::new(),
+                releaser: gpu.releaser(),
                 vertices: gpu.empty_vertices("refined faces", RefinedSlots::buffer_bytes())?,
-                indices: gpu.index_buffer("templates", RefinedSlots::indices())?,
+                indices: gpu.empty_indices("indices of refined faces", FIRST_INDICES)?,
+                room: FIRST_INDICES,
+                fineness: gpu.empty_storage("fineness of slots", WORD * words)?,
             })
         })
     }
@@ -36,50 +86,91 @@ impl RefinedFaces {
         self.slots = RefinedSlots::new();
     }
 
-    /// Finds slots for the refined faces of a frame. Returns the draws of each eye, the writes that the
-    /// frame needs before them, and the number of faces that wait for a later frame.
+    /// Finds slots for the refined faces of a frame, and makes room for their indices.
     ///
+    /// * `seen`: what each eye sees.
     /// * `made`: largest number of faces of each level that are made.
     pub fn place(
         &mut self,
         gpu: &mut Gpu,
         seen: &[VisibleWall],
         made: u32,
-    ) -> Result<(Vec<PlacedFaces>, Vec<Write<'static>>, usize), RenderError> {
+    ) -> Result<FrameFaces, RenderError> {
         let seen: Vec<&VisibleWall> = seen.iter().collect();
-        let (placed, new, waiting) = self.slots.place(&self.wall, &seen, made);
-        let bytes = |w: &SlotWrite| size_of_val(&w.vertices[..]);
-        let mut parts: Vec<Vec<Write<'_>>> = vec![Vec::new()];
+        let (eyes, new, waiting) = self.slots.place(&self.wall, &seen, made);
+        let mut faces = FrameFaces { eyes, vertices: new, waiting };
+        let sent = self.send_most(gpu, &mut faces).and_then(|()| self.make_room(gpu, &faces));
+        if sent.is_err() {
+            self.forget();
+        }
+        sent.map(|()| faces)
+    }
+
+    /// Writes vertices before the frame, but for as many as go with it.
+    fn send_most(&self, gpu: &mut Gpu, faces: &mut FrameFaces) -> Result<(), RenderError> {
+        let mut first_of_part = vec![0];
         let mut left = WITH_FRAME;
-        for write in new {
-            if bytes(&write) > left {
-                parts.push(Vec::new());
+        for (i, write) in faces.vertices.iter().enumerate() {
+            let bytes = size_of_val(&write.vertices[..]);
+            if bytes > left {
+                first_of_part.push(i);
                 left = WITH_FRAME;
             }
-            left -= bytes(&write);
-            let content = bytemuck::cast_slice(&write.vertices).to_vec();
-            let write = Write { to: self.vertices, offset: write.offset, bytes: content.into() };
-            parts.last_mut().expect("one part").push(write);
+            left -= bytes;
         }
-        let last = parts.pop().expect("one part");
-        for writes in parts {
-            let sent = send(gpu, writes);
-            if sent.is_err() {
-                self.forget();
-            }
-            sent?;
+        for part in first_of_part.windows(2) {
+            let writes = self.vertex_writes(&faces.vertices[part[0]..part[1]]).collect();
+            let frame = Frame { writes, ..Frame::default() };
+            gpu.make_room(frame.staged_bytes())?;
+            gpu.submit_draws(&frame)?;
         }
-        Ok((placed, last, waiting))
+        faces.vertices.drain(..first_of_part.pop().unwrap_or(0));
+        Ok(())
+    }
+
+    fn make_room(&mut self, gpu: &mut Gpu, faces: &FrameFaces) -> Result<(), RenderError> {
+        let needed = faces.first_index(faces.eyes.len());
+        if needed > self.room {
+            let room = needed.next_power_of_two();
+            let indices = gpu.empty_indices("indices of refined faces", room)?;
+            self.releaser.buffer(std::mem::replace(&mut self.indices, indices));
+            self.room = room;
+        }
+        Ok(())
+    }
+
+    /// Returns the writes that a frame needs before its draws.
+    pub fn writes<'f>(&self, faces: &'f FrameFaces) -> Vec<Write<'f>> {
+        let mut writes: Vec<Write<'f>> = self.vertex_writes(&faces.vertices).collect();
+        for (eye, drawn) in faces.eyes.iter().enumerate() {
+            let offset = WORD * faces.first_index(eye);
+            let bytes = bytemuck::cast_slice(&drawn.indices).into();
+            writes.push(Write { to: self.indices, offset, bytes });
+        }
+        for (eye, drawn) in faces.eyes.iter().enumerate() {
+            let of_level = |(slot, words): (u32, &'f [u32])| {
+                let offset = WORD * u64::from(first_word(eye) + slot);
+                Write { to: self.fineness, offset, bytes: bytemuck::cast_slice(words).into() }
+            };
+            writes.extend(drawn.fineness_of_slots().map(of_level));
+        }
+        writes
+    }
+
+    fn vertex_writes<'f>(
+        &self,
+        writes: &'f [SlotWrite],
+    ) -> impl Iterator<Item = Write<'f>> + use<'f> {
+        let to = self.vertices;
+        writes.iter().map(move |w| {
+            let bytes = bytemuck::cast_slice(&w.vertices).into();
+            Write { to, offset: w.offset, bytes }
+        })
     }
 
     pub fn release(&self, releaser: &Releaser) {
-        releaser.buffer(self.vertices);
-        releaser.buffer(self.indices);
+        for buffer in [self.vertices, self.indices, self.fineness] {
+            releaser.buffer(buffer);
+        }
     }
-}
-
-fn send(gpu: &mut Gpu, writes: Vec<Write<'_>>) -> Result<(), RenderError> {
-    let frame = Frame { writes, ..Frame::default() };
-    gpu.make_room(frame.staged_bytes())?;
-    Ok(gpu.submit_draws(&frame)?)
 }

@@ -11,11 +11,10 @@ use super::lines::Tubes;
 use super::picture::{Spares, without_alpha};
 use super::pipelines::Pipelines;
 use super::placed_mesh::{PlacedMesh, upload_tubes};
-use super::refined_faces::RefinedFaces;
+use super::refined_faces::{FrameFaces, RefinedFaces};
 use super::scene::{FrameStats, GlassKey, MeshHandle, Scene, Shot, UnfoldedFace, View};
 use super::targets::Targets;
 use crate::geometry::{Camera, Lens};
-use crate::lod::refined::PlacedFaces;
 use crate::lod::{DrawnWall, VisibleWall};
 use crate::vk::{Area, BufferId, Draw, DrawPipelineId, DrawRange, Frame, Gpu, ImageId, Releaser};
 
@@ -280,14 +279,12 @@ impl Renderer {
             (_, seen) => seen,
         };
         let mut stats = FrameStats::default();
-        let mut placed: Option<Vec<PlacedFaces>> = None;
-        let mut writes = Vec::new();
+        let mut placed: Option<FrameFaces> = None;
         let model = self.models[scene.wall.0].as_mut().expect("a mesh that was not removed");
         if let (Some(refined), Some(seen)) = (&mut model.refined, seen) {
-            let (faces, waiting);
-            (faces, writes, waiting) = refined.place(gpu, seen, self.made)?;
+            let faces = refined.place(gpu, seen, self.made)?;
+            stats.waiting = faces.waiting as u32;
             placed = Some(faces);
-            stats.waiting = waiting as u32;
         }
 
         // 2. Passes.
@@ -298,13 +295,13 @@ impl Renderer {
         for (i, eye) in eyes.iter().enumerate() {
             let visible = match (&placed, seen) {
                 (Some(placed), _) => Some(DrawnParts {
-                    ranges: &placed[i].flat.ranges,
-                    refined: &placed[i].refined,
-                    triangles: placed[i].triangles,
+                    ranges: &placed.eyes[i].flat.ranges,
+                    refined: placed.range(i),
+                    triangles: placed.eyes[i].triangles,
                 }),
                 (None, Some(seen)) => Some(DrawnParts {
                     ranges: &seen[i].ranges,
-                    refined: &[],
+                    refined: None,
                     triangles: seen[i].triangles(),
                 }),
                 (None, None) => None,
@@ -326,6 +323,9 @@ impl Renderer {
             passes.extend(self.contrast_passes(contrast, scene.look.local_contrast, area));
         }
         let picture = read_to.map(|to| (self.finished, to));
+        let refined = self.model(scene.wall).refined.as_ref();
+        let writes = refined.zip(placed.as_ref()).map(|(to, faces)| to.writes(faces));
+        let writes = writes.unwrap_or_default();
         let frame = Frame { writes, passes, picture, ..Frame::default() };
         // Any number of pictures may be under way.
         let sent = gpu.make_room(frame.staged_bytes()).and_then(|()| gpu.submit_draws(&frame));

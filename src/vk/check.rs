@@ -124,16 +124,11 @@ impl Gpu {
             stride => bytes(draw.vertices) / u64::from(stride),
         };
         let index = draw.indices.map(|i| &self.buffers[i]);
-        let room = index.map_or(0, |i| i.buffer.bytes / u64::from(i.index_bytes.max(1)));
-        assert!(index.is_none_or(|i| i.index_bytes > 0), "an index buffer");
+        assert!(index.is_none_or(|i| i.holds_indices), "an index buffer");
         let last = index.map_or(0, |i| u64::from(i.max_index));
-        // Whether indices from one on are in the buffer and initialized.
-        let there = |first: u32, count: u32| {
-            let [first, end] = [u64::from(first), u64::from(first) + u64::from(count)];
-            let bytes = index.map_or(0, |i| u64::from(i.index_bytes));
-            let ranges = index.and_then(|i| i.initialized.as_ref());
-            end <= room && ranges.is_none_or(|r| r.contains(first * bytes..end * bytes))
-        };
+        // Whether indices from one on are in the buffer, and written.
+        let room = index.map_or(0, |i| i.written.unwrap_or(i.buffer.bytes) / 4);
+        let there = |first: u32, count: u32| u64::from(first) + u64::from(count) <= room;
         match (&draw.range, index) {
             (DrawRange::Direct(r), Some(_)) => {
                 assert!(there(r.start, r.len() as u32), "index range");

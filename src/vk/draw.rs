@@ -63,14 +63,14 @@ pub struct Draw {
     /// Images the fragments read, as many as the pipeline has. One kept as sRGB is read as linear
     /// light, or, by a pipeline that draws stored numbers, as its bytes are.
     pub images: Vec<ImageId>,
-    /// Buffers the fragments read ([`Gpu::storage_buffer`]), as many as the pipeline has.
+    /// Buffers the shaders read ([`Gpu::storage_buffer`]), as many as the pipeline has.
     pub buffers: Vec<BufferId>,
     /// The part of the pass's area that is drawn to; all of it where `None`.
     pub scissor: Option<Area>,
 }
 
 impl Draw {
-    /// Whether the fragments read images or buffers.
+    /// Whether its shaders read images or buffers.
     pub(super) fn has_set(&self) -> bool {
         !self.images.is_empty() || !self.buffers.is_empty()
     }

@@ -69,6 +69,8 @@ pub struct DrawEntry {
     pub is_vertex: bool,
     /// Vertex attributes it reads, locations 0, 1, …
     pub attributes: u32,
+    /// Whether it reads images or buffers.
+    pub has_bindings: bool,
 }
 
 /// A compiled module for drawing. Only the build script makes it, from WGSL that naga has
@@ -80,9 +82,9 @@ pub struct DrawShader {
     pub(crate) entries: &'static [DrawEntry],
     /// Bytes of the immediate block, both stages.
     pub(crate) push_bytes: u32,
-    /// Images that the fragment stage reads, bindings 0, 1, … of group 0.
+    /// Images that entry points read, bindings 0, 1, … of group 0.
     pub(crate) images: u32,
-    /// Buffers that the fragment stage reads, bindings after those of the images.
+    /// Buffers that entry points read, bindings after those of the images.
     pub(crate) buffers: u32,
 }
 
@@ -136,7 +138,7 @@ pub(super) struct DrawPipeline {
     pub(super) blend: Blend,
 }
 
-/// Shader stages that see the immediate block: both.
+/// Shader stages that see the immediate block, images and buffers: both.
 pub(super) const STAGES: vk::ShaderStageFlags = vk::ShaderStageFlags::from_raw(
     vk::ShaderStageFlags::VERTEX.as_raw() | vk::ShaderStageFlags::FRAGMENT.as_raw(),
 );
@@ -154,10 +156,14 @@ impl Gpu {
         let shader = spec.shader;
         let reads = shader.entry(spec.entries[0], true).attributes as usize;
         assert!(reads <= spec.attributes.len(), "`{}` reads {reads} attributes", spec.entries[0]);
-        shader.entry(spec.entries[1], false);
-        let bindings: Vec<_> = (0..shader.images + shader.buffers)
+        // A draw has all images and buffers of its shader, or none if its entry points read none.
+        let has_bindings = shader.entry(spec.entries[0], true).has_bindings
+            || shader.entry(spec.entries[1], false).has_bindings;
+        let [images, buffers] =
+            [shader.images, shader.buffers].map(|n| if has_bindings { n } else { 0 });
+        let bindings: Vec<_> = (0..images + buffers)
             .map(|i| {
-                let kind = match i < shader.images {
+                let kind = match i < images {
                     true => vk::DescriptorType::SAMPLED_IMAGE,
                     false => vk::DescriptorType::STORAGE_BUFFER,
                 };
@@ -165,7 +171,7 @@ impl Gpu {
                     .binding(i)
                     .descriptor_type(kind)
                     .descriptor_count(1)
-                    .stage_flags(vk::ShaderStageFlags::FRAGMENT)
+                    .stage_flags(STAGES)
             })
             .collect();
         let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
@@ -179,8 +185,8 @@ impl Gpu {
             set,
             stride,
             push_bytes: shader.push_bytes,
-            images: shader.images,
-            buffers: shader.buffers,
+            images,
+            buffers,
             colour: spec.colour,
             depth: spec.depth,
             samples: spec.samples,

@@ -7,7 +7,7 @@ use ash::vk;
 use super::ids::BufferId;
 use super::{Area, DrawRange, Gpu, ImageId, Pass, StageAccess};
 
-/// Bytes to be written to a vertex or index buffer before anything is drawn.
+/// Bytes to be written to a buffer before anything is drawn.
 #[derive(Clone, Debug)]
 pub struct Write<'a> {
     /// The buffer.
@@ -73,34 +73,33 @@ impl Frame<'_> {
 
 /// Stage and accesses by which draws read buffers that frames write.
 const DRAWN: StageAccess = (
-    vk::PipelineStageFlags2::VERTEX_INPUT,
+    vk::PipelineStageFlags2::from_raw(
+        vk::PipelineStageFlags2::VERTEX_INPUT.as_raw()
+            | vk::PipelineStageFlags2::VERTEX_SHADER.as_raw()
+            | vk::PipelineStageFlags2::FRAGMENT_SHADER.as_raw(),
+    ),
     vk::AccessFlags2::from_raw(
-        vk::AccessFlags2::VERTEX_ATTRIBUTE_READ.as_raw() | vk::AccessFlags2::INDEX_READ.as_raw(),
+        vk::AccessFlags2::VERTEX_ATTRIBUTE_READ.as_raw()
+            | vk::AccessFlags2::INDEX_READ.as_raw()
+            | vk::AccessFlags2::SHADER_STORAGE_READ.as_raw(),
     ),
 );
 const COPIED: StageAccess = (vk::PipelineStageFlags2::COPY, vk::AccessFlags2::TRANSFER_WRITE);
 
 impl Gpu {
-    /// Checks that each write lies in its buffer and no two overlap, and notes the initialized
-    /// ranges of index buffers and the largest index they may hold.
+    /// Checks that each write lies in its buffer and no two overlap, and notes how far index buffers
+    /// are written and the largest index they may hold.
     pub(super) fn check_writes(&mut self, writes: &[Write<'_>]) {
         let mut spans = Vec::with_capacity(writes.len());
         for w in writes {
             let b = &mut self.buffers[w.to];
             let end = w.offset.checked_add(w.bytes.len() as u64).expect("write past the end");
             assert!(end <= b.buffer.bytes, "write past the end of its buffer");
-            match b.index_bytes {
-                0 => {}
-                2 => {
-                    assert!(w.offset % 2 == 0 && w.bytes.len() % 2 == 0, "half an index");
-                    let index = |i: &[u8]| u32::from(u16::from_ne_bytes([i[0], i[1]]));
-                    b.max_index = w.bytes.chunks_exact(2).map(index).fold(b.max_index, u32::max);
-                }
-                _ => {
-                    assert!(w.offset % 4 == 0 && w.bytes.len() % 4 == 0, "half an index");
-                    let index = |i: &[u8]| u32::from_ne_bytes([i[0], i[1], i[2], i[3]]);
-                    b.max_index = w.bytes.chunks_exact(4).map(index).fold(b.max_index, u32::max);
-                }
+            if b.holds_indices {
+                let (indices, rest) = w.bytes.as_chunks();
+                assert!(w.offset % 4 == 0 && rest.is_empty(), "half an index");
+                let indices = indices.iter().map(|i| u32::from_ne_bytes(*i));
+                b.max_index = indices.fold(b.max_index, u32::max);
             }
             spans.push((w.to, w.offset, end));
         }
@@ -109,19 +108,21 @@ impl Gpu {
             spans.windows(2).all(|s| s[0].0 != s[1].0 || s[0].2 <= s[1].1),
             "two writes to one place in one frame"
         );
-        for w in writes {
-            if let Some(initialized) = &mut self.buffers[w.to].initialized {
-                initialized.add(w.offset..w.offset + w.bytes.len() as u64);
+        for (to, from, end) in spans {
+            if let Some(written) = &mut self.buffers[to].written
+                && from <= *written
+            {
+                *written = end.max(*written);
             }
         }
     }
 
-    /// Takes back the effect of [`Gpu::check_writes`] on initialized ranges, where a submission
-    /// failed or was never made: its writes may not have been done.
+    /// Takes back the effect of [`Gpu::check_writes`] on how far index buffers are written, where a
+    /// submission failed or was never made: its writes may not have been done.
     pub(super) fn forget_writes(&mut self, writes: &[Write<'_>]) {
         for w in writes {
-            if let Some(initialized) = &mut self.buffers[w.to].initialized {
-                initialized.forget(w.offset..w.offset + w.bytes.len() as u64);
+            if let Some(written) = &mut self.buffers[w.to].written {
+                *written = w.offset.min(*written);
             }
         }
     }

@@ -21,7 +21,6 @@ mod gpu;
 mod hazards;
 mod ids;
 mod info;
-mod initialized;
 mod instance;
 mod memory;
 mod passes;

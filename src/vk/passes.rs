@@ -161,12 +161,8 @@ impl Gpu {
                     self.device.cmd_bind_vertex_buffers(cmd, 0, &[raw], &[0]);
                 }
                 if let Some(i) = draw.indices {
-                    let i = &self.buffers[i];
-                    let kind = match i.index_bytes {
-                        2 => vk::IndexType::UINT16,
-                        _ => vk::IndexType::UINT32,
-                    };
-                    self.device.cmd_bind_index_buffer(cmd, i.buffer.raw, 0, kind);
+                    let raw = self.buffers[i].buffer.raw;
+                    self.device.cmd_bind_index_buffer(cmd, raw, 0, vk::IndexType::UINT32);
                 }
             }
             match &draw.range {

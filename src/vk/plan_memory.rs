@@ -196,7 +196,7 @@ impl Gpu {
     pub(super) fn leave_copies(&mut self, plan: &Plan<'_>, held: &mut PlanMemory) {
         for (at, buffer) in held.copies.drain(..) {
             let PlanBuffer { bytes, copy, .. } = &plan.buffers()[at];
-            let id = self.insert(buffer, vk::BufferUsageFlags::STORAGE_BUFFER, 0, 0);
+            let id = self.insert(buffer, vk::BufferUsageFlags::STORAGE_BUFFER, 0);
             let memory = CopyMemory { id, bytes: *bytes, releaser: self.releaser() };
             if let Some(copy) = copy {
                 copy.set(memory);

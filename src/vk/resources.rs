@@ -4,7 +4,6 @@
 use ash::vk;
 
 use super::ids::{BufferId, ImageId, ResourceId};
-use super::initialized::InitializedRanges;
 use super::memory::{self, Buffer, ImageDesc, MemoryUse};
 use super::{Gpu, VkError};
 
@@ -69,8 +68,8 @@ pub(super) struct GpuBuffer {
     pub(super) buffer: Buffer,
     /// Timeline value of its latest use.
     pub(super) last_use: u64,
-    /// Bytes of an index; 0 where the buffer holds none.
-    pub(super) index_bytes: u8,
+    /// Whether it holds indices, words of 32 bits.
+    pub(super) holds_indices: bool,
     pub(super) holds_vertices: bool,
     /// Whether shaders of draws read it.
     pub(super) is_storage: bool,
@@ -78,9 +77,9 @@ pub(super) struct GpuBuffer {
     pub(super) reads_back: bool,
     /// Largest vertex that the indices of an index buffer name, or have ever named.
     pub(super) max_index: u32,
-    /// Ranges of an index buffer that frames have written so far; `None` of buffers that frames do
-    /// not write as indices.
-    pub(super) initialized: Option<InitializedRanges>,
+    /// Bytes of an index buffer that frames have written so far, from the first without a gap; `None`
+    /// of all other buffers. Memory that was never written may hold any index.
+    pub(super) written: Option<u64>,
 }
 
 /// An image of the device with its history.
@@ -96,7 +95,7 @@ impl Gpu {
     /// # Errors
     /// [`VkError::OutOfMemory`], [`VkError::DeviceLost`], or the failing call.
     pub fn vertex_buffer(&mut self, name: &str, data: &[u8]) -> Result<BufferId, VkError> {
-        self.filled(name, data, vk::BufferUsageFlags::VERTEX_BUFFER, 0, 0)
+        self.filled(name, data, vk::BufferUsageFlags::VERTEX_BUFFER, 0)
     }
 
     /// Creates a vertex buffer of `bytes`, to be written by frames; until then its content is
@@ -105,24 +104,29 @@ impl Gpu {
     /// # Errors
     /// As [`Gpu::vertex_buffer`]; [`VkError::TooLarge`].
     pub fn empty_vertices(&mut self, name: &'static str, bytes: u64) -> Result<BufferId, VkError> {
-        self.unwritten(name, bytes, vk::BufferUsageFlags::VERTEX_BUFFER, 0)
+        self.unwritten(name, bytes, vk::BufferUsageFlags::VERTEX_BUFFER)
     }
 
-    /// Creates a buffer of `count` 16-bit indices, to be written by frames. Each part of `part` of
-    /// them is written from its start on, and drawn as far as it was written.
+    /// Creates a buffer of `count` indices, to be written by frames from its start on, and drawn as far
+    /// as it was written.
     ///
     /// # Errors
     /// As [`Gpu::empty_vertices`].
-    pub fn empty_indices(
-        &mut self,
-        name: &'static str,
-        count: u64,
-        part: u64,
-    ) -> Result<BufferId, VkError> {
-        let [bytes, part] = [count, part].map(|n| n.saturating_mul(2));
-        let id = self.unwritten(name, bytes, vk::BufferUsageFlags::INDEX_BUFFER, 2)?;
-        self.buffers[id].initialized = Some(InitializedRanges::new(bytes, part));
+    pub fn empty_indices(&mut self, name: &'static str, count: u64) -> Result<BufferId, VkError> {
+        let bytes = count.saturating_mul(size_of::<u32>() as u64);
+        let id = self.unwritten(name, bytes, vk::BufferUsageFlags::INDEX_BUFFER)?;
+        self.buffers[id].written = Some(0);
         Ok(id)
+    }
+
+    /// Creates a buffer of words that the shaders of draws read, to be written by frames; until then
+    /// its content is undefined.
+    ///
+    /// # Errors
+    /// As [`Gpu::storage_buffer`].
+    pub fn empty_storage(&mut self, name: &'static str, bytes: u64) -> Result<BufferId, VkError> {
+        self.check_storage(name, bytes)?;
+        self.unwritten(name, bytes, vk::BufferUsageFlags::STORAGE_BUFFER)
     }
 
     /// Creates an index buffer on the device.
@@ -131,20 +135,25 @@ impl Gpu {
     /// As [`Gpu::vertex_buffer`].
     pub fn index_buffer(&mut self, name: &str, data: &[u32]) -> Result<BufferId, VkError> {
         let max = data.iter().copied().max().unwrap_or(0);
-        self.filled(name, bytemuck::cast_slice(data), vk::BufferUsageFlags::INDEX_BUFFER, 4, max)
+        self.filled(name, bytemuck::cast_slice(data), vk::BufferUsageFlags::INDEX_BUFFER, max)
     }
 
-    /// Creates a buffer of words on the device that the fragments of draws read.
+    /// Creates a buffer of words on the device that the shaders of draws read.
     ///
     /// # Errors
     /// As [`Gpu::vertex_buffer`]; [`VkError::TooLarge`] if the device cannot bind so many.
     pub fn storage_buffer(&mut self, name: &'static str, data: &[u8]) -> Result<BufferId, VkError> {
-        let (bytes, limit) = (data.len() as u64, self.info.max_storage_buffer_range);
+        self.check_storage(name, data.len() as u64)?;
+        self.filled(name, data, vk::BufferUsageFlags::STORAGE_BUFFER, 0)
+    }
+
+    fn check_storage(&self, buffer: &'static str, bytes: u64) -> Result<(), VkError> {
+        let limit = self.info.max_storage_buffer_range;
         if bytes > limit {
             let device = self.info.name.clone();
-            return Err(VkError::TooLarge { buffer: name, bytes, limit, device });
+            return Err(VkError::TooLarge { buffer, bytes, limit, device });
         }
-        self.filled(name, data, vk::BufferUsageFlags::STORAGE_BUFFER, 0, 0)
+        Ok(())
     }
 
     /// Creates a persistently mapped buffer that images are copied to.
@@ -154,7 +163,7 @@ impl Gpu {
     pub fn readback_buffer(&mut self, name: &str, bytes: u64) -> Result<BufferId, VkError> {
         let usage = vk::BufferUsageFlags::TRANSFER_DST;
         let buffer = self.new_buffer(name, bytes, usage, MemoryUse::Readback)?;
-        Ok(self.insert(buffer, usage, 0, 0))
+        Ok(self.insert(buffer, usage, 0))
     }
 
     /// Creates an image to draw to; with one sample a pixel it can also be read in shaders, and one of
@@ -225,7 +234,6 @@ impl Gpu {
         name: &str,
         data: &[u8],
         usage: vk::BufferUsageFlags,
-        index_bytes: u8,
         max_index: u32,
     ) -> Result<BufferId, VkError> {
         let bytes = data.len() as u64;
@@ -239,7 +247,7 @@ impl Gpu {
             self.memory.free_buffer(buffer);
             return Err(e);
         }
-        Ok(self.insert(buffer, usage, index_bytes, max_index))
+        Ok(self.insert(buffer, usage, max_index))
     }
 
     /// Takes over a buffer; returns its handle.
@@ -247,33 +255,30 @@ impl Gpu {
         &mut self,
         buffer: Buffer,
         usage: vk::BufferUsageFlags,
-        index_bytes: u8,
         max_index: u32,
     ) -> BufferId {
         let made = GpuBuffer {
             buffer,
             last_use: self.timeline.submitted,
-            index_bytes,
+            holds_indices: usage.contains(vk::BufferUsageFlags::INDEX_BUFFER),
             holds_vertices: usage.contains(vk::BufferUsageFlags::VERTEX_BUFFER),
             is_storage: usage.contains(vk::BufferUsageFlags::STORAGE_BUFFER),
             reads_back: usage == vk::BufferUsageFlags::TRANSFER_DST,
             max_index,
-            initialized: None,
+            written: None,
         };
         let id = self.buffers.insert(made);
         self.note_made(ResourceId::Buffer(id));
         id
     }
 
-    /// Creates a buffer that frames write. It is not cleared: it has room for every cluster of a
-    /// wall, of which a flight writes a part, and the system provides memory only where it is
-    /// touched.
+    /// Creates a buffer that frames write. It is not cleared: it has room for more than most flights
+    /// write, and the system provides memory only where it is touched.
     fn unwritten(
         &mut self,
         name: &'static str,
         bytes: u64,
         usage: vk::BufferUsageFlags,
-        index_bytes: u8,
     ) -> Result<BufferId, VkError> {
         let limit = self.info.max_buffer_bytes;
         if bytes > limit {
@@ -282,7 +287,7 @@ impl Gpu {
         }
         let usage = usage | vk::BufferUsageFlags::TRANSFER_DST;
         let buffer = self.new_buffer(name, bytes, usage, MemoryUse::Device)?;
-        Ok(self.insert(buffer, usage, index_bytes, 0))
+        Ok(self.insert(buffer, usage, 0))
     }
 
     /// Records, submits and waits. After an error the device is idle, or given up.

@@ -9,7 +9,7 @@
 //! on its neighbours alone. Each tile holds the coefficients that the cells of its brick need, those
 //! of the rim twice, and can be read alone.
 
-use glam::{DAffine3, DMat3, DVec3, IVec3, Vec3};
+use glam::{DAffine3, DMat3, DVec3, IVec3, Vec3, Vec4};
 use rayon::prelude::*;
 
 use super::WallField;
@@ -234,9 +234,11 @@ impl WallSpline {
     }
 
     fn place(&self, voxel: DVec3) -> Option<TilePlace> {
-        let cell = voxel.floor();
-        let share = (voxel - cell).as_vec3();
-        let cell = cell.as_ivec3();
+        // Rounded down without a call, which baseline processors need for `floor`.
+        let towards_zero = voxel.as_ivec3();
+        let is_above = towards_zero.as_dvec3().cmpgt(voxel);
+        let cell = towards_zero - IVec3::from(is_above);
+        let share = (voxel - cell.as_dvec3()).as_vec3();
         let brick = (cell >> 3i32) - self.first;
         if brick.cmplt(IVec3::ZERO).any() || brick.cmpge(self.dims).any() {
             return None;
@@ -248,40 +250,39 @@ impl WallSpline {
 
     fn value_at(&self, place: &TilePlace) -> f32 {
         let [wx, wy, wz] = place.share.to_array().map(weights);
-        let mut sum = 0.0;
-        self.rows(place, |y, z, row| {
-            let along: f32 = (0..4).map(|x| wx[x] * row[x]).sum();
-            sum += wz[z] * wy[y] * along;
-        });
-        sum
+        let mut sum = Vec4::ZERO;
+        for z in 0..4 {
+            let rows = self.rows(place, z);
+            sum += wz[z] * weighted(rows, wy);
+        }
+        sum.dot(Vec4::from(wx))
     }
 
     /// Returns the value and its slopes, mm a voxel.
     fn value_and_slopes(&self, place: &TilePlace) -> (f32, Vec3) {
         let [wx, wy, wz] = place.share.to_array().map(weights);
         let [sx, sy, sz] = place.share.to_array().map(slopes);
-        let (mut value, mut slope) = (0.0, Vec3::ZERO);
-        self.rows(place, |y, z, row| {
-            let along: f32 = (0..4).map(|x| wx[x] * row[x]).sum();
-            let rise: f32 = (0..4).map(|x| sx[x] * row[x]).sum();
-            value += wz[z] * wy[y] * along;
-            slope.x += wz[z] * wy[y] * rise;
-            slope.y += wz[z] * sy[y] * along;
-            slope.z += sz[z] * wy[y] * along;
-        });
-        (value, slope)
+        let [mut value, mut by_y, mut by_z] = [Vec4::ZERO; 3];
+        for z in 0..4 {
+            let rows = self.rows(place, z);
+            let plane = weighted(rows, wy);
+            value += wz[z] * plane;
+            by_y += wz[z] * weighted(rows, sy);
+            by_z += sz[z] * plane;
+        }
+        let [wx, sx] = [wx, sx].map(Vec4::from);
+        (value.dot(wx), Vec3::new(value.dot(sx), by_y.dot(wx), by_z.dot(wx)))
     }
 
-    /// Calls `row` with the 16 rows of four coefficients about a place, and their y and z.
-    fn rows(&self, place: &TilePlace, mut row: impl FnMut(usize, usize, &[f32; 4])) {
+    /// Four rows of four coefficients about a place: those of one of its four planes.
+    #[inline]
+    fn rows(&self, place: &TilePlace, plane: usize) -> [Vec4; 4] {
         let tile = &self.tiles[place.tile];
         let [x, y, z] = place.cell;
-        for k in 0..4 {
-            for j in 0..4 {
-                let first = x + TILE_SIDE * (y + j + TILE_SIDE * (z + k));
-                row(j, k, tile[first..first + 4].try_into().expect("four coefficients"));
-            }
-        }
+        std::array::from_fn(|row| {
+            let first = x + TILE_SIDE * (y + row + TILE_SIDE * (z + plane));
+            Vec4::from_slice(&tile[first..first + 4])
+        })
     }
 }
 
@@ -321,6 +322,12 @@ impl std::fmt::Debug for WallSpline {
     }
 }
 
+/// Sum of rows by their weights.
+#[inline]
+fn weighted(rows: [Vec4; 4], weights: [f32; 4]) -> Vec4 {
+    (weights[0] * rows[0] + weights[1] * rows[1]) + (weights[2] * rows[2] + weights[3] * rows[3])
+}
+
 /// Index in a table of these dimensions.
 fn entry(at: IVec3, dims: IVec3) -> usize {
     let (at, dims) = (at.as_usizevec3(), dims.as_usizevec3());
@@ -353,32 +360,13 @@ impl<'a, F: Fn(IVec3) -> Option<&'a [f32]>> Surroundings<'_, F> {
     /// Copies the samples about a brick, clamped in size. A voxel beyond the volume has the offset
     /// of the nearest voxel in it; offsets grow into the bricks that are not there.
     fn gather(&self, brick: IVec3, samples: &mut Vec<f32>) {
-        let near: [Option<&[f32]>; 27] =
-            std::array::from_fn(|n| (self.brick)(brick + near_offset(n)));
         let from = SIDE * brick - (1 + TAPS as i32);
         let [first, last] = self.volume;
         let limit = self.limit_mm;
-        samples.resize(WIDE * WIDE * WIDE, 0.0);
-        let is_inside = near.iter().all(Option::is_some);
-        if is_inside && from.cmpge(first).all() && (from + WIDE as i32 - 1).cmple(last).all() {
-            // 1. Whole rows of three bricks.
-            for (i, row) in samples.chunks_exact_mut(WIDE).enumerate() {
-                let [y, z] = [i % WIDE + TAPS_BEFORE, i / WIDE + TAPS_BEFORE];
-                let at = 8 * (y % 8) + 64 * (z % 8);
-                let of_brick = |bx: usize| {
-                    let offsets = near[bx + 3 * (y / 8) + 9 * (z / 8)];
-                    &offsets.expect("a brick that is there")[at..at + 8]
-                };
-                let before = 8 - TAPS_BEFORE;
-                row[..before].copy_from_slice(&of_brick(0)[TAPS_BEFORE..]);
-                row[before..before + 8].copy_from_slice(of_brick(1));
-                row[before + 8..].copy_from_slice(of_brick(2));
-            }
-            samples.iter_mut().for_each(|s| *s = s.clamp(-limit, limit));
-            return;
-        }
+        samples.clear();
+        samples.resize(WIDE * WIDE * WIDE, f32::INFINITY);
 
-        // 2. Or brick before, at or after this one, and place in it, of each sample along each axis.
+        // 1. Brick before, at or after this one, and place in it, of each sample along each axis.
         let along = |axis: usize| {
             let place = |k: usize| {
                 let v = (from[axis] + k as i32).clamp(first[axis], last[axis]);
@@ -387,42 +375,75 @@ impl<'a, F: Fn(IVec3) -> Option<&'a [f32]>> Surroundings<'_, F> {
             std::array::from_fn::<_, WIDE, _>(place)
         };
         let [xs, ys, zs] = [0, 1, 2].map(along);
-        let mut is_whole = true;
-        let mut out = samples.iter_mut();
-        for (bz, z) in zs {
-            for (by, y) in ys {
-                for ((bx, x), sample) in xs.into_iter().zip(&mut out) {
-                    let offsets = near[bx + 3 * by + 9 * bz];
-                    is_whole &= offsets.is_some();
-                    let of = |offsets: &[f32]| offsets[x + 8 * y + 64 * z].clamp(-limit, limit);
-                    *sample = offsets.map_or(f32::INFINITY, of);
-                }
-            }
-        }
-        if !is_whole {
-            self.grow(samples);
-            samples.iter_mut().for_each(|s| *s = s.min(limit));
-        }
-    }
+        let near: [Option<&[f32]>; 27] = std::array::from_fn(|n| {
+            let is_met = |(along, at): (&[(usize, usize)], usize)| along.iter().any(|a| a.0 == at);
+            let bricks = [n % 3, n / 3 % 3, n / 9];
+            let is_near = [&xs[..], &ys, &zs].into_iter().zip(bricks).all(is_met);
+            is_near.then(|| (self.brick)(brick + near_offset(n))).flatten()
+        });
+        let bricks_of = |row: usize| {
+            let ((by, _), (bz, _)) = (ys[row % WIDE], zs[row / WIDE]);
+            [0, 1, 2].map(|bx| near[bx + 3 * by + 9 * bz])
+        };
 
-    /// Replaces each infinite offset by the least of all offsets of the row, plus the growth on the way,
-    /// along one axis after the other.
-    fn grow(&self, samples: &mut [f32]) {
-        for (axis, stride) in [1, WIDE, WIDE * WIDE].into_iter().enumerate() {
-            let step = self.growth_mm[axis];
-            let is_missing: Vec<bool> = samples.iter().map(|s| s.is_infinite()).collect();
-            let is_last = |i: usize| i / stride % WIDE == WIDE - 1;
-            for i in 0..samples.len() {
-                if !is_last(i) && is_missing[i + stride] {
-                    samples[i + stride] = samples[i + stride].min(samples[i] + step);
+        // 2. Samples of the bricks that are there, row by row.
+        let runs = [0..8 - TAPS_BEFORE, 8 - TAPS_BEFORE..16 - TAPS_BEFORE, 16 - TAPS_BEFORE..WIDE];
+        let has_whole_runs = from.x >= first.x && from.x + WIDE as i32 - 1 <= last.x;
+        for (i, row) in samples.chunks_exact_mut(WIDE).enumerate() {
+            let at = 8 * ys[i % WIDE].1 + 64 * zs[i / WIDE].1;
+            let bricks = bricks_of(i);
+            if has_whole_runs {
+                for (run, offsets) in runs.iter().zip(bricks) {
+                    let Some(offsets) = offsets else { continue };
+                    let offsets = &offsets[at + xs[run.start].1..][..run.len()];
+                    let both = row[run.clone()].iter_mut().zip(offsets);
+                    both.for_each(|(sample, offset)| *sample = offset.clamp(-limit, limit));
                 }
-            }
-            for i in (0..samples.len()).rev() {
-                if !is_last(i) && is_missing[i] {
-                    samples[i] = samples[i].min(samples[i + stride] + step);
+            } else {
+                for (sample, (bx, x)) in row.iter_mut().zip(xs) {
+                    let offset = bricks[bx].map(|offsets| offsets[at + x].clamp(-limit, limit));
+                    *sample = offset.unwrap_or(f32::INFINITY);
                 }
             }
         }
+
+        // 3. Growth into the bricks that are not there: along rows, from row to row, from plane to plane.
+        if near.iter().all(Option::is_some) {
+            return;
+        }
+        for (i, row) in samples.chunks_exact_mut(WIDE).enumerate() {
+            let is_there = bricks_of(i).map(|b| b.is_some());
+            if is_there.contains(&true) {
+                grow(row, 1, self.growth_mm.x, |x| is_there[xs[x].0]);
+            }
+        }
+        for (z, plane) in samples.chunks_exact_mut(WIDE * WIDE).enumerate() {
+            let is_there = |y: usize| bricks_of(y + WIDE * z).iter().any(Option::is_some);
+            grow(plane, WIDE, self.growth_mm.y, is_there);
+        }
+        let in_layer = |bz: usize| near[9 * bz..][..9].iter().any(Option::is_some);
+        grow(samples, WIDE * WIDE, self.growth_mm.z, |z| in_layer(zs[z].0));
+        samples.iter_mut().for_each(|s| *s = s.min(limit));
+    }
+}
+
+/// Lowers each chunk that is not there to the chunk before or after it plus a step, whichever is less,
+/// as far as the chunks reach.
+///
+/// * `size`: samples of a chunk.
+/// * `is_there`: whether a chunk is there, by its number.
+fn grow(samples: &mut [f32], size: usize, step: f32, is_there: impl Fn(usize) -> bool) {
+    let lower = |to: &mut [f32], from: &[f32]| {
+        to.iter_mut().zip(from).for_each(|(to, from)| *to = to.min(from + step));
+    };
+    let chunks = samples.len() / size;
+    for chunk in (1..chunks).filter(|chunk| !is_there(*chunk)) {
+        let (before, own) = samples.split_at_mut(chunk * size);
+        lower(&mut own[..size], &before[(chunk - 1) * size..]);
+    }
+    for chunk in (0..chunks - 1).rev().filter(|chunk| !is_there(*chunk)) {
+        let (own, after) = samples.split_at_mut((chunk + 1) * size);
+        lower(&mut own[chunk * size..], &after[..size]);
     }
 }
 

@@ -98,7 +98,7 @@ fn a_missing_barrier_between_writes_to_one_place_is_reported() {
 fn writes_that_overlap_or_pass_the_end_are_refused_before_anything_is_recorded() {
     let Some(mut gpu) = common::gpu(Validate::Sync) else { return };
     let vertices = gpu.empty_vertices("vertices", 4096).unwrap();
-    let indices = gpu.empty_indices("indices", 100, 50).unwrap();
+    let indices = gpu.empty_indices("indices", 100).unwrap();
     let mut refused = |writes: Vec<Write<'static>>| {
         let frame = Frame { writes, ..Frame::default() };
         let send = || gpu.submit_draws(&frame);
@@ -110,7 +110,8 @@ fn writes_that_overlap_or_pass_the_end_are_refused_before_anything_is_recorded()
     assert!(refused(vec![written(vertices, 0, 101), written(vertices, 100, 100)]));
     assert!(refused(vec![written(vertices, 4000, 97)]));
     assert!(refused(vec![written(vertices, u64::MAX, 2)]));
-    assert!(refused(vec![written(indices, 1, 2)]));
+    assert!(refused(vec![written(indices, 1, 4)]));
+    assert!(refused(vec![written(indices, 4, 2)]));
     common::assert_silent(&gpu);
 }
 

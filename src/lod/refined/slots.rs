@@ -1,11 +1,13 @@
 //! Which refined faces have their vertices on the device, and where.
 
 use std::collections::{HashMap, HashSet};
+use std::hash::BuildHasherDefault;
 
 use super::grid::{FaceGrid, MAX_LEVEL};
 use super::wall::{RefinedFace, RefinedWall};
 use crate::lod::morph::PatchVertex;
-use crate::lod::{DrawnRange, SlotCache, VisibleWall};
+use crate::lod::slot_cache::KeyHasher;
+use crate::lod::{SlotCache, VisibleWall};
 
 /// Slots for faces of each level, from 1: 14 to 22 MB a level.
 const SLOTS: [u32; MAX_LEVEL as usize] = [1 << 16, 1 << 15, 1 << 13, 1 << 11];
@@ -26,10 +28,58 @@ pub struct SlotWrite {
 pub struct PlacedFaces {
     /// Ranges of the mesh.
     pub flat: VisibleWall,
-    /// Ranges of the templates, with vertices in slots.
-    pub refined: Vec<DrawnRange>,
+    /// Indices of the triangles of its refined faces, into the vertices of all slots.
+    pub indices: Vec<u32>,
+    /// By level: fineness of the faces in its slots, inside and on the three sides a byte each, up to
+    /// the last slot that is drawn.
+    pub fineness: [Vec<u32>; MAX_LEVEL as usize],
     /// Triangles of both.
     pub triangles: u64,
+}
+
+impl PlacedFaces {
+    /// Returns the fineness of the slots from some slot on, for each level that is drawn: the first
+    /// slot, counted over all levels, and a word a slot.
+    pub fn fineness_of_slots(&self) -> impl Iterator<Item = (u32, &[u32])> {
+        let by_level = (1..).zip(&self.fineness).filter(|(_, words)| !words.is_empty());
+        by_level.map(|(level, words)| (first_slot(level), &words[..]))
+    }
+}
+
+/// A face that is drawn refined.
+#[derive(Clone, Copy, Debug)]
+struct WantedFace {
+    face: u32,
+    /// The finest level that a camera needs.
+    level: u32,
+    /// Level and slot of its vertices; `None` while it waits for them.
+    place: Option<SlotPlace>,
+}
+
+/// A slot of a level.
+#[derive(Clone, Copy, Debug)]
+struct SlotPlace {
+    level: u32,
+    slot: u32,
+}
+
+impl SlotPlace {
+    /// Number of the slot, counted over all levels.
+    fn number(self) -> u32 {
+        first_slot(self.level) + self.slot
+    }
+
+    /// Its first vertex in the buffer. The vertices of finer levels lie behind.
+    fn first_vertex(self) -> u32 {
+        let points = |level: u32| FaceGrid::points_at(level) as u32;
+        let before: u32 = (1..self.level).map(|l| SLOTS[l as usize - 1] * points(l)).sum();
+        before + self.slot * points(self.level)
+    }
+}
+
+/// Slots of all coarser levels.
+fn first_slot(level: u32) -> u32 {
+    SLOTS[..level as usize - 1].iter().sum()
 }
 
 /// Slots of one buffer on the device that hold the vertices of refined faces. The faces that were not
@@ -59,12 +109,12 @@ impl RefinedSlots {
 
     /// Returns the bytes of the buffer.
     pub fn buffer_bytes() -> u64 {
-        VERTEX * u64::from(first_vertex(MAX_LEVEL + 1, 0))
+        VERTEX * u64::from(SlotPlace { level: MAX_LEVEL + 1, slot: 0 }.first_vertex())
     }
 
-    /// Returns the index templates.
-    pub fn indices() -> &'static [u32] {
-        &FaceGrid::get().indices
+    /// Returns the number of slots of all levels.
+    pub fn count() -> u32 {
+        SLOTS.iter().sum()
     }
 
     /// Finds slots for the faces that a frame refines, and makes the vertices of those that have
@@ -82,78 +132,66 @@ impl RefinedSlots {
         made: u32,
     ) -> (Vec<PlacedFaces>, Vec<SlotWrite>, usize) {
         // 1. The finest level that each face needs, in the order in which they are seen.
-        let mut levels: HashMap<u32, u32> = HashMap::new();
-        for refined in seen.iter().flat_map(|s| &s.refined) {
-            let level = levels.entry(refined.face).or_default();
-            *level = refined.level().max(*level);
-        }
-        let mut order: Vec<(u32, u32)> = Vec::with_capacity(levels.len());
-        for refined in seen.iter().flat_map(|s| &s.refined) {
-            order.extend(levels.remove_entry(&refined.face));
-        }
+        let mut wanted: Vec<WantedFace> = Vec::new();
+        let mut numbers: HashMap<u32, u32, BuildHasherDefault<KeyHasher>> = HashMap::default();
+        let mut want = |refined: &RefinedFace| {
+            let number = *numbers.entry(refined.face).or_insert(wanted.len() as u32);
+            if number as usize == wanted.len() {
+                wanted.push(WantedFace { face: refined.face, level: 0, place: None });
+            }
+            let wanted = &mut wanted[number as usize];
+            wanted.level = wanted.level.max(refined.level());
+            number
+        };
+        let by_camera: Vec<Vec<u32>> =
+            seen.iter().map(|s| s.refined.iter().map(&mut want).collect()).collect();
 
         // 2. Slots, for the finest first: a coarser face may stay in the slot of a finer one.
         self.caches.iter_mut().for_each(|cache| cache.begin_step(made));
-        let mut places: HashMap<u32, u32> = HashMap::with_capacity(order.len());
-        let mut new: Vec<(u32, u32, u32)> = Vec::new();
-        let mut waiting: HashSet<u32> = HashSet::new();
+        let mut new: Vec<WantedFace> = Vec::new();
         for level in (1..=MAX_LEVEL).rev() {
-            let wanted: Vec<u32> =
-                order.iter().filter(|(_, own)| *own == level).map(|(face, _)| *face).collect();
-            let (wanted, beyond) =
-                wanted.split_at(wanted.len().min(SLOTS[level as usize - 1] as usize));
-            waiting.extend(beyond);
-            let mut absent = Vec::new();
-            for face in wanted {
-                match self.touched(*face, level) {
-                    Some(vertex) => {
-                        places.insert(*face, vertex);
-                    }
-                    None => absent.push(*face),
-                }
+            let of_level = || (0..wanted.len()).filter(|i| wanted[*i].level == level);
+            let fitting: Vec<usize> = of_level().take(SLOTS[level as usize - 1] as usize).collect();
+            for i in &fitting {
+                wanted[*i].place = self.touched(wanted[*i].face, level);
             }
-            for face in absent {
-                match self.caches[level as usize - 1].allocate(u64::from(face)) {
-                    Ok(slot) => {
-                        let vertex = first_vertex(level, slot);
-                        places.insert(face, vertex);
-                        new.push((face, level, vertex));
-                    }
-                    Err(_) => {
-                        waiting.insert(face);
-                    }
+            for i in fitting.into_iter().filter(|i| wanted[*i].place.is_none()).collect::<Vec<_>>()
+            {
+                let cache = &mut self.caches[level as usize - 1];
+                if let Ok(slot) = cache.allocate(u64::from(wanted[i].face)) {
+                    wanted[i].place = Some(SlotPlace { level, slot });
+                    new.push(wanted[i]);
                 }
             }
         }
 
         // 3. Vertices.
-        let make = |(face, level, vertex): &(u32, u32, u32)| SlotWrite {
-            offset: VERTEX * u64::from(*vertex),
-            vertices: wall.patch(*face, *level),
+        let make = |new: &WantedFace| {
+            let place = new.place.expect("a slot of its own");
+            let vertices = wall.patch(new.face, place.level);
+            let vertices = vertices.into_iter().map(|v| v.in_slot(place.number())).collect();
+            SlotWrite { offset: VERTEX * u64::from(place.first_vertex()), vertices }
         };
         let writes = new.iter().map(make).collect();
 
         // 4. Draws.
-        let flat_edges: HashSet<[u32; 2]> =
-            waiting.iter().flat_map(|face| edges(wall, *face)).collect();
-        let of_camera = |seen: &&VisibleWall| drawn(wall, seen, &places, &flat_edges);
-        (seen.iter().map(of_camera).collect(), writes, waiting.len())
+        let waiting = || wanted.iter().filter(|w| w.place.is_none());
+        let flat_edges: HashSet<[u32; 2]> = waiting().flat_map(|w| edges(wall, w.face)).collect();
+        let of_camera = |(seen, numbers): (&&VisibleWall, &Vec<u32>)| {
+            let places = numbers.iter().map(|i| wanted[*i as usize].place);
+            drawn(wall, seen, places, &flat_edges)
+        };
+        let drawn = seen.iter().zip(&by_camera).map(of_camera).collect();
+        (drawn, writes, waiting().count())
     }
 
-    /// Marks a face as drawn that is there at this level or a finer one; returns its first vertex.
-    fn touched(&mut self, face: u32, level: u32) -> Option<u32> {
+    /// Marks a face as drawn that is there at this level or a finer one; returns its place.
+    fn touched(&mut self, face: u32, level: u32) -> Option<SlotPlace> {
         (level..=MAX_LEVEL).find_map(|level| {
             let slot = self.caches[level as usize - 1].touch(u64::from(face))?;
-            Some(first_vertex(level, slot))
+            Some(SlotPlace { level, slot })
         })
     }
-}
-
-/// Returns the first vertex of a slot of a level; those of finer levels lie behind.
-fn first_vertex(level: u32, slot: u32) -> u32 {
-    let points = |level: u32| FaceGrid::points_at(level) as u32;
-    let before: u32 = (1..level).map(|l| SLOTS[l as usize - 1] * points(l)).sum();
-    before + slot * points(level)
 }
 
 /// Edges of a face, each with the lower vertex first.
@@ -167,12 +205,12 @@ fn edges(wall: &RefinedWall, face: u32) -> [[u32; 2]; 3] {
 
 /// What a camera draws.
 ///
-/// * `places`: first vertex of each face that is there.
-/// * `flat_edges`: edges of the faces that are not.
+/// * `places`: of each face that it refines, if its vertices are there.
+/// * `flat_edges`: edges of the faces that wait.
 fn drawn(
     wall: &RefinedWall,
     seen: &VisibleWall,
-    places: &HashMap<u32, u32>,
+    places: impl Iterator<Item = Option<SlotPlace>>,
     flat_edges: &HashSet<[u32; 2]>,
 ) -> PlacedFaces {
     let grid = FaceGrid::get();
@@ -180,7 +218,7 @@ fn drawn(
         flat: VisibleWall { ranges: seen.ranges.clone(), refined: Vec::new() },
         ..PlacedFaces::default()
     };
-    for wanted in &seen.refined {
+    for (wanted, place) in seen.refined.iter().zip(places) {
         let refined = if flat_edges.is_empty() {
             Some(*wanted)
         } else {
@@ -191,20 +229,20 @@ fn drawn(
             }
             RefinedFace::of_sides(wanted.face, sides)
         };
-        match (refined, places.get(&wanted.face)) {
-            (Some(refined), Some(vertex)) => {
-                let template = grid.template(refined.level(), refined.side_levels());
-                all.triangles += u64::from(template.triangles);
-                all.refined.push(DrawnRange {
-                    first_index: template.first,
-                    indices: 3 * template.triangles,
-                    first_vertex: *vertex,
-                    morph: refined.fineness,
-                });
-            }
-            _ => all.flat.add_faces(wanted.face..wanted.face + 1),
+        let (Some(refined), Some(place)) = (refined, place) else {
+            all.flat.add_faces(wanted.face..wanted.face + 1);
+            continue;
+        };
+        let template = grid.template(refined.level(), refined.side_levels());
+        let corners = template.first as usize..(template.first + 3 * template.triangles) as usize;
+        let first = place.first_vertex();
+        all.indices.extend(grid.indices[corners].iter().map(|i| first + i));
+        let fineness = &mut all.fineness[place.level as usize - 1];
+        if fineness.len() <= place.slot as usize {
+            fineness.resize(place.slot as usize + 1, 0);
         }
+        fineness[place.slot as usize] = refined.fineness;
     }
-    all.triangles += all.flat.triangles();
+    all.triangles = all.flat.triangles() + all.indices.len() as u64 / 3;
     all
 }

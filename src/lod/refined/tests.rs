@@ -173,11 +173,15 @@ impl SlotBuffer {
         let flat = flat.flat_map(|r| r.first_index / 3..(r.first_index + r.indices) / 3);
         let corner = |v: u32| wall.shading().vertices[v as usize];
         let mut all: Vec<_> = flat.map(|f| wall.faces()[f as usize].map(corner)).collect();
-        for r in &placed.refined {
-            let own = &RefinedSlots::indices()[r.first_index as usize..][..r.indices as usize];
-            let vertex = |i: u32| self.0[&u64::from(r.first_vertex + i)].morphed(r.morph);
-            all.extend(own.chunks_exact(3).map(|t| [t[0], t[1], t[2]].map(vertex)));
-        }
+        let by_slot = |(first, words): (u32, &[u32])| {
+            (first..).zip(words.to_vec()).collect::<Vec<(u32, u32)>>()
+        };
+        let fineness: HashMap<u32, u32> = placed.fineness_of_slots().flat_map(by_slot).collect();
+        let vertex = |i: u32| {
+            let vertex = self.0[&u64::from(i)];
+            vertex.morphed(fineness[&(vertex.carrier >> 13)])
+        };
+        all.extend(placed.indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]].map(vertex)));
         all
     }
 }

@@ -11,7 +11,7 @@ use super::grid::{FaceGrid, FacePoint, MAX_LEVEL, STEPS};
 use super::near::NearFaces;
 use crate::geometry::{Camera, Cone, Mesh, Sphere, Vertex};
 use crate::lod::morph::{MORPH_STEPS, PatchVertex};
-use crate::lod::octree::{Item, OctreeNode, bounding_cone};
+use crate::lod::octree::{Item, OctreeNode};
 use crate::lod::{
     DrawnRange, DrawnWall, ExteriorGrid, FaceOctree, OcclusionTest, Tolerance, ViewFrustum,
     VisibleWall,
@@ -186,9 +186,8 @@ impl RefinedWall {
             let flat = Item::triangle([a, b, c]);
             let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
             let room = MAX_DEPARTURE * longest;
-            let turned = |v: &Vertex| Cone { axis: v.normal(), sine: CONE_SINE };
-            let cones = own.into_iter().map(turned).chain([flat.cone]);
-            Item { lo: flat.lo - room, hi: flat.hi + room, cone: bounding_cone(cones), ..flat }
+            let cone = cone_about(flat.cone, own.map(Vertex::normal));
+            Item { lo: flat.lo - room, hi: flat.hi + room, cone, ..flat }
         };
         let octree = FaceOctree::of_items(mesh.faces.len(), item);
         let faces: Vec<[u32; 3]> =
@@ -278,9 +277,20 @@ impl RefinedWall {
     /// Returns a face as fine as a camera asks; `None` if it stays flat.
     ///
     /// * `sag`: of its edges, mm.
-    fn refined(&self, frustum: &ViewFrustum, face: u32, sag: [f32; 3]) -> Option<RefinedFace> {
+    /// * `allowed_mm`: sag that is allowed anywhere in its leaf, whose box holds the ball about each
+    ///   edge.
+    fn refined(
+        &self,
+        frustum: &ViewFrustum,
+        face: u32,
+        sag: [f32; 3],
+        allowed_mm: f32,
+    ) -> Option<RefinedFace> {
         let f = face as usize;
-        let sides = [0, 1, 2].map(|e| self.fineness(frustum, f, e, sag[e]));
+        let sides = [0, 1, 2].map(|e| match sag[e] <= allowed_mm {
+            true => 0,
+            false => self.fineness(frustum, f, e, sag[e]),
+        });
         let refined = RefinedFace::of_sides(face, sides)?;
         self.is_seen(frustum, f).then_some(refined)
     }
@@ -415,6 +425,21 @@ impl RefinedWall {
     }
 }
 
+/// Cone of the normals of a refined face.
+///
+/// * `flat`: about the normal of the face; all directions if it has none.
+/// * `normals`: of its corners.
+fn cone_about(flat: Cone, normals: [Vec3; 3]) -> Cone {
+    let cosines = normals.map(|n| flat.axis.dot(n) / n.length());
+    let least = cosines.into_iter().fold(1.0, f32::min);
+    // Sine and cosine of the sum of both angles.
+    let (away, own) = ((1.0 - least * least).max(0.0).sqrt(), (1.0 - CONE_SINE * CONE_SINE).sqrt());
+    let cosine = least * own - away * CONE_SINE;
+    let is_narrow = flat.sine < 1.0 && cosine > 0.0 && cosines.iter().all(|c| c.is_finite());
+    let sine = away * own + least * CONE_SINE;
+    if is_narrow { Cone { sine: sine + 1e-5, ..flat } } else { Cone::default() }
+}
+
 /// Name of a point that faces share: the lower and the higher end of its edge, and steps from the
 /// lower; `None` of a point inside a face.
 fn edge_place(face: [u32; 3], point: &FacePoint) -> Option<[u32; 3]> {
@@ -448,13 +473,7 @@ impl DrawnWall for RefinedWall {
                 own.map(|f| [0, 1, 2].map(|e| self.sag_mm(f as usize, e))).collect()
             });
             for (face, sag) in faces.zip(sag) {
-                // Most faces are flat enough anywhere in the leaf.
-                let refined = if sag.iter().all(|sag| *sag <= allowed_mm) {
-                    None
-                } else {
-                    self.refined(&frustum, face, *sag)
-                };
-                match refined {
+                match self.refined(&frustum, face, *sag, allowed_mm) {
                     Some(refined) => seen.refined.push(refined),
                     None => seen.add_faces(face..face + 1),
                 }
