@@ -219,8 +219,7 @@ impl Session {
         let mesh = drawn.mesh();
         let make = || match &found.wall {
             Some(field) => WallSpline::of_field(&found.lumen, field, &mesh.positions),
-            // Splits by the normals alone are a second sooner on a colon (decision 63).
-            None => WallSpline::unknown(&found.lumen),
+            None => WallSpline::of_mesh(&found.lumen, mesh),
         };
         Ok(clock.time("smooth wall", "vertices", make, |_| mesh.positions.len() as u64))
     }

@@ -5,7 +5,7 @@
 //! doi:10.1145/1361192.1361195). Departure: each plane is turned halfway to the mean normal, which is
 //! exact on spheres; with the planes themselves a tube of three voxels is 0.05 voxel too wide.
 
-use glam::{DVec3, IVec3, Vec3};
+use glam::{DVec3, IVec3, Vec3, Vec4};
 use rayon::prelude::*;
 
 use super::spline::MIN_OFFSET;
@@ -30,11 +30,28 @@ const MIN_COSINE: f32 = 0.2;
 /// another sheet has it farther on that side.
 const SLACK: f32 = 0.35;
 
+/// Voxels along each axis about that of a vertex.
+const ABOUT: usize = 2 * REACH as usize + 1;
+/// Groups of four voxels of a brick: four voxels of a row are computed at once.
+const FOURS: usize = BRICK / 4;
+
 /// A vertex in the frame of a brick: index axes, mm from the brick's first voxel.
 struct Neighbour {
     at: Vec3,
     normal: Vec3,
     voxel: IVec3,
+    /// Share of the weight of the voxels about it, by axis.
+    weights: [[f32; ABOUT]; 3],
+}
+
+/// Four voxels of a row, from a vertex.
+struct Four {
+    /// Ways from the vertex, mm: along x one a voxel.
+    x: Vec4,
+    y: f32,
+    z: f32,
+    /// Weights of the vertex; 0 out of its reach.
+    weight: Vec4,
 }
 
 /// Returns the offset of each voxel of a lumen's bricks from a mesh of its wall, mm, negative
@@ -77,8 +94,7 @@ pub fn mesh_offsets(lumen: &Lumen, mesh: &Mesh) -> Vec<f32> {
                     && voxel.cmplt(IVec3::splat(SIDE + REACH)).all();
                 if reaches {
                     let normal = direction * mesh.normals[*v as usize].as_dvec3();
-                    let (at, normal) = (at.as_vec3() * spacing, normal.as_vec3());
-                    near.push(Neighbour { at, normal, voxel });
+                    near.push(Neighbour::new(at.as_vec3(), normal.as_vec3(), spacing));
                 }
             }
         }
@@ -93,73 +109,112 @@ pub fn mesh_offsets(lumen: &Lumen, mesh: &Mesh) -> Vec<f32> {
 /// * `sides`: a bit for each voxel inside, a word for each layer.
 fn of_brick(near: &[Neighbour], spacing: Vec3, sides: &[u64], out: &mut [f32]) {
     let mean = spacing.element_product().cbrt();
-    let side: [f32; BRICK] =
-        std::array::from_fn(|i| if sides[i / 64] >> (i % 64) & 1 != 0 { 1.0 } else { -1.0 });
-    let slack = SLACK * mean;
+    let is_inside = |i: usize| sides[i / 64] >> (i % 64) & 1 != 0;
+    let side_of = |four: usize| {
+        Vec4::from([0, 1, 2, 3].map(|k| if is_inside(4 * four + k) { 1.0 } else { -1.0 }))
+    };
+    let side: [Vec4; FOURS] = std::array::from_fn(side_of);
+    let slack = Vec4::splat(-SLACK * mean);
 
     // 1. Mean normal of the vertices that have the voxel on its side of their plane.
-    let mut mean_normal = [Vec3::ZERO; BRICK];
+    let mut mean_normal = [[Vec4::ZERO; 3]; FOURS];
     for n in near {
-        n.about(spacing, |i, away, weight| {
-            if side[i] * n.normal.dot(away) > -slack {
-                mean_normal[i] += weight * n.normal;
+        n.about(spacing, |i, four| {
+            let is_beside = (side[i] * four.along(n.normal)).cmpgt(slack);
+            let weight = Vec4::select(is_beside, four.weight, Vec4::ZERO);
+            for (sum, along) in mean_normal[i].iter_mut().zip(n.normal.to_array()) {
+                *sum += weight * along;
             }
         });
     }
-    mean_normal.iter_mut().for_each(|n| *n = n.normalize_or_zero());
+    for normal in &mut mean_normal {
+        let [x, y, z] = *normal;
+        let square = x * x + y * y + z * z;
+        let scale = square.to_array().map(|s| if s > 0.0 { s.sqrt().recip() } else { 0.0 });
+        *normal = normal.map(|along| along * Vec4::from(scale));
+    }
 
-    // 2. Mean of the planes, each turned halfway to the mean normal.
-    let mut sums = [(0.0f32, 0.0f32); BRICK];
+    // 2. Mean of the planes, each turned halfway to the mean normal and so shortened.
+    let mut sums = [[Vec4::ZERO; 2]; FOURS];
     for n in near {
-        n.about(spacing, |i, away, weight| {
-            let cosine = n.normal.dot(mean_normal[i]);
-            if cosine >= MIN_COSINE && side[i] * n.normal.dot(away) > -slack {
-                let turned = 0.5 * (n.normal + mean_normal[i]);
-                let shortened = 0.5 * (1.0 + cosine);
-                let weight = cosine * cosine * weight;
-                sums[i].0 += weight * turned.dot(away) / shortened;
-                sums[i].1 += weight;
-            }
+        n.about(spacing, |i, four| {
+            let [x, y, z] = mean_normal[i];
+            let cosine = x * n.normal.x + y * n.normal.y + z * n.normal.z;
+            let off = four.along(n.normal);
+            let counts = cosine.cmpge(Vec4::splat(MIN_COSINE)) & (side[i] * off).cmpgt(slack);
+            let weight = Vec4::select(counts, cosine * cosine * four.weight, Vec4::ZERO);
+            let by_mean = x * four.x + y * four.y + z * four.z;
+            // Vertices that do not count may have a cosine of -1.
+            let turned = (off + by_mean) / (1.0 + cosine).max(Vec4::ONE);
+            sums[i][0] += weight * turned;
+            sums[i][1] += weight;
         });
     }
     // Weight of one vertex at the largest distance.
     let least = (-0.5 * (NEAR / SIGMA) * (NEAR / SIGMA)).exp();
     for (i, out) in out.iter_mut().enumerate() {
-        let (sum, weights) = sums[i];
-        let size = if weights > least { side[i] * sum / weights } else { AWAY * mean };
-        *out = -side[i] * size.clamp(MIN_OFFSET * mean, AWAY * mean);
+        let [sum, weights] = sums[i / 4].map(|four| four[i % 4]);
+        let side = side[i / 4][i % 4];
+        let size = if weights > least { side * sum / weights } else { AWAY * mean };
+        *out = -side * size.clamp(MIN_OFFSET * mean, AWAY * mean);
     }
 }
 
 impl Neighbour {
-    /// Calls `each` with the voxels of a brick about the vertex: their number, the way from the
-    /// vertex, mm, and the weight of the vertex there.
-    fn about(&self, spacing: Vec3, mut each: impl FnMut(usize, Vec3, f32)) {
+    /// * `at`: voxels from the first of the brick.
+    fn new(at: Vec3, normal: Vec3, spacing: Vec3) -> Self {
+        let voxel = at.round().as_ivec3();
         let deviation = SIGMA * spacing.element_product().cbrt();
-        let lo = (self.voxel - REACH).max(IVec3::ZERO);
-        let hi = (self.voxel + REACH).min(IVec3::splat(SIDE - 1));
-        // Distances along each axis, and their share of the weight.
+        // exp(-(a + k d)² / 2) for the voxels k of an axis, by two exponentials.
         let along = |axis: usize| {
-            std::array::from_fn::<_, { 2 * REACH as usize + 1 }, _>(|k| {
-                let away = (lo[axis] + k as i32) as f32 * spacing[axis] - self.at[axis];
-                let ratio = away / deviation;
-                (away, (-0.5 * ratio * ratio).exp())
+            let step = spacing[axis] / deviation;
+            let first = (voxel[axis] as f32 - at[axis]) * step;
+            let (middle, ratio) = ((-0.5 * first * first).exp(), (-first * step).exp());
+            std::array::from_fn(|k| {
+                let k = k as i32 - REACH;
+                let fall = (-0.5 * (k as f32 * step).powi(2)).exp();
+                middle * ratio.powi(k) * fall
             })
         };
-        let [xs, ys, zs] = [0, 1, 2].map(along);
-        let size = (hi - lo + 1).as_usizevec3();
-        let first = (lo.x + SIDE * (lo.y + SIDE * lo.z)) as usize;
-        for (k, (z, wz)) in zs[..size.z].iter().enumerate() {
-            for (j, (y, wy)) in ys[..size.y].iter().enumerate() {
-                if wy * wz < MIN_WEIGHT {
+        Self { at: at * spacing, normal, voxel, weights: [0, 1, 2].map(along) }
+    }
+
+    /// Calls `each` with the voxels of a brick about the vertex, by the number of their four.
+    fn about(&self, spacing: Vec3, mut each: impl FnMut(usize, Four)) {
+        let in_reach = |axis: usize| {
+            let first = (self.voxel[axis] - REACH).max(0);
+            (first..(self.voxel[axis] + REACH + 1).min(SIDE)).map(move |v| {
+                let weight = self.weights[axis][(v - self.voxel[axis] + REACH) as usize];
+                (v as usize, v as f32 * spacing[axis] - self.at[axis], weight)
+            })
+        };
+        let mut row = [Vec4::ZERO; 2];
+        in_reach(0).for_each(|(x, _, weight)| row[x / 4][x % 4] = weight);
+        for (z, z_mm, z_weight) in in_reach(2) {
+            for (y, y_mm, y_weight) in in_reach(1) {
+                let weight = y_weight * z_weight;
+                if weight < MIN_WEIGHT {
                     continue;
                 }
-                for (i, (x, wx)) in xs[..size.x].iter().enumerate() {
-                    let at = first + i + 8 * j + 64 * k;
-                    each(at, Vec3::new(*x, *y, *z), wx * wy * wz);
+                for (half, along) in row.into_iter().enumerate() {
+                    if along == Vec4::ZERO {
+                        continue;
+                    }
+                    let first = 4.0 * half as f32;
+                    let x = Vec4::new(first, first + 1.0, first + 2.0, first + 3.0) * spacing.x
+                        - self.at.x;
+                    let four = Four { x, y: y_mm, z: z_mm, weight: along * weight };
+                    each(half + 2 * y + 16 * z, four);
                 }
             }
         }
+    }
+}
+
+impl Four {
+    /// Ways from the vertex along a direction, mm.
+    fn along(&self, way: Vec3) -> Vec4 {
+        self.x * way.x + (self.y * way.y + self.z * way.z)
     }
 }
 

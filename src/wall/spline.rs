@@ -251,9 +251,8 @@ impl WallSpline {
     fn value_at(&self, place: &TilePlace) -> f32 {
         let [wx, wy, wz] = place.share.to_array().map(weights);
         let mut sum = Vec4::ZERO;
-        for z in 0..4 {
-            let rows = self.rows(place, z);
-            sum += wz[z] * weighted(rows, wy);
+        for (z, weight) in wz.into_iter().enumerate() {
+            sum += weight * weighted(self.rows(place, z), wy);
         }
         sum.dot(Vec4::from(wx))
     }
@@ -263,12 +262,12 @@ impl WallSpline {
         let [wx, wy, wz] = place.share.to_array().map(weights);
         let [sx, sy, sz] = place.share.to_array().map(slopes);
         let [mut value, mut by_y, mut by_z] = [Vec4::ZERO; 3];
-        for z in 0..4 {
+        for (z, (weight, slope)) in wz.into_iter().zip(sz).enumerate() {
             let rows = self.rows(place, z);
             let plane = weighted(rows, wy);
-            value += wz[z] * plane;
-            by_y += wz[z] * weighted(rows, sy);
-            by_z += sz[z] * plane;
+            value += weight * plane;
+            by_y += weight * weighted(rows, sy);
+            by_z += slope * plane;
         }
         let [wx, sx] = [wx, sx].map(Vec4::from);
         (value.dot(wx), Vec3::new(value.dot(sx), by_y.dot(wx), by_z.dot(wx)))
@@ -291,11 +290,6 @@ impl WallSpline {
     /// sides.
     pub fn of_field(lumen: &Lumen, field: &WallField, positions: &[Vec3]) -> Self {
         Self::of_offsets(lumen, &sided(lumen, field), positions)
-    }
-
-    /// Returns a spline that is known nowhere: it has no value and no zero.
-    pub fn unknown(lumen: &Lumen) -> Self {
-        Self::of_offsets(lumen, &[], &[])
     }
 
     /// Computes the spline of the offsets from a mesh with normals (LPS mm), where no field placed
