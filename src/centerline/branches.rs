@@ -68,10 +68,14 @@ impl BranchRoute {
         self.joined = self.joined.map(|joined| joined + offset);
     }
 
-    /// Whether the route is long enough for a flight through its part of the lumen.
-    pub fn is_long_enough(&self, d: Sampler<'_>) -> bool {
+    /// Whether the route is long enough for a flight through its part of the lumen. Ends of a bent or
+    /// closed part may lie beside each other.
+    ///
+    /// * `place`: position of a node, local mm.
+    pub fn is_long_enough(&self, d: Sampler<'_>, place: impl Fn(u32) -> DVec3) -> bool {
         let [a, b] = self.ends.map(|e| e.point);
-        a.distance(b) >= (2.0 * d.at(a).max(d.at(b))).max(PruneLimits::default().twig_mm)
+        let length = self.length_mm(place).max(a.distance(b));
+        length >= (2.0 * d.at(a).max(d.at(b))).max(PruneLimits::default().twig_mm)
     }
 
     /// Returns the ends of the route, each with the direction in which the route leaves it.

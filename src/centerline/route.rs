@@ -153,7 +153,8 @@ pub fn centerline(
         for part in parts.iter().enumerate().filter(|(i, _)| *i != main).map(|(_, part)| part) {
             let route = view.routes(part, (None, None), options).routes;
             let radius_mm = d.at(view.adjacency.place_mm[part.widest as usize]);
-            if radius_mm >= least_mm && route[0].is_long_enough(d) {
+            let place = |n: u32| view.adjacency.place_mm[n as usize];
+            if radius_mm >= least_mm && route[0].is_long_enough(d, place) {
                 unreachable -= part.voxels;
                 pieces.push(route);
             }

@@ -85,6 +85,7 @@ impl Args {
     /// Extracts and writes.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
         global.check_output(&self.output, LINES)?;
+        self.lumen.check_outputs(global)?;
         self.graph.as_deref().map_or(Ok(()), |p| global.check_output(p, &[".json"]))?;
         self.branches.as_deref().map_or(Ok(()), |p| global.check_output(p, &[".vtp"]))?;
         self.mode.check(self.path.tree)?;

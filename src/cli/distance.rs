@@ -29,6 +29,7 @@ impl Args {
     /// Computes the exact distance and writes it.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
         global.check_output(&self.output, VOLUMES)?;
+        self.lumen.check_outputs(global)?;
         let settings = Settings { lumen: self.lumen.settings()?, ..global.settings() };
         let mut session = Session::new(self.lumen.source(self.input.as_deref())?, settings)?;
         session.expect(&[Product::Distance]);

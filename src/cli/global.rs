@@ -87,6 +87,18 @@ impl Global {
 
     /// Checks an output's folder and extension before anything is computed.
     pub fn check_output(&self, path: &Path, extensions: &[&str]) -> Result<(), CliError> {
+        self.check_name(path, extensions)?;
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
+        match folder {
+            Some(f) if !f.is_dir() => {
+                Err(CliError::Usage(format!("{}: there is no folder {}", shown(path), shown(f))))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Checks that the name of an output has one of these extensions.
+    pub fn check_name(&self, path: &Path, extensions: &[&str]) -> Result<(), CliError> {
         let name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
         if !extensions.iter().any(|e| name.len() > e.len() && name.ends_with(e)) {
             return Err(CliError::Usage(format!(
@@ -99,14 +111,7 @@ impl Global {
             let why = "a .seg.nrrd holds segments, which `intima segment` and --core write";
             return Err(CliError::Usage(format!("{}: {why}; use .nrrd", shown(path))));
         }
-        check_data_file(path)?;
-        let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
-        match folder {
-            Some(f) if !f.is_dir() => {
-                Err(CliError::Usage(format!("{}: there is no folder {}", shown(path), shown(f))))
-            }
-            _ => Ok(()),
-        }
+        Ok(check_data_file(path)?)
     }
 
     /// Settings that every session takes from here.
@@ -137,12 +142,16 @@ impl Global {
         Ok(device)
     }
 
-    /// Prints a line for people unless `--json` or `-q` ask for silence.
+    /// Prints a line for people unless `--json` or `-q` ask for silence. Where the reader has closed
+    /// the pipe, nothing is printed, and the command goes on to write its files.
     pub fn say(&self, line: impl std::fmt::Display) -> Result<(), CliError> {
         if self.json || self.quiet {
             return Ok(());
         }
-        writeln!(std::io::stdout(), "{line}").map_err(CliError::Output)
+        match writeln!(std::io::stdout(), "{line}").map_err(CliError::Output) {
+            Err(e) if e.is_broken_pipe() => Ok(()),
+            said => said,
+        }
     }
 
     /// Prints a warning on standard error, unless quiet.

@@ -57,6 +57,11 @@ impl Args {
                 "--of grey analyses the whole volume: leave --mask and --threshold out".into(),
             ));
         }
+        if grey && (l.core.is_some() || l.explain.is_some()) {
+            let why = "--of grey chooses no lumen: leave --core and --explain out";
+            return Err(CliError::Usage(why.into()));
+        }
+        l.check_outputs(global)?;
         let settings = Settings { lumen: l.settings()?, ..global.settings() };
         let mut session = Session::new(l.source(self.input.as_deref())?, settings)?;
         let (field, bricks, timing, settings, mut copied) = if grey {
@@ -75,6 +80,9 @@ impl Args {
             let dense = lumen.dense(&field, 0.0f32);
             copied += start.elapsed();
             write_volume(&self.output, &Volume::new(grid, Samples::from(dense)))?;
+        }
+        if !grey {
+            l.write_choice(&session, global)?;
         }
         global.say(format_args!("wrote {} (sigma {sigma} mm)", shown(&self.output)))?;
         global.answer(&timing.with("sigma_mm", sigma).with("dense_s", copied.as_secs_f64()))

@@ -42,6 +42,8 @@ impl Args {
         let range = match &info.image {
             Some(image) => {
                 global.check_memory(reading_bytes(image), "estimated for reading")?;
+                // A range shows nobody.
+                options.allow_burned_in = true;
                 match read_volume(&self.input, &options) {
                     Ok(volume) => volume.range().map(|(a, b)| [a, b]),
                     // They are listed here.

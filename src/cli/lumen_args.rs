@@ -117,9 +117,15 @@ impl LumenArgs {
         self.draw_organ(session, global)
     }
 
+    /// Checks, before anything is computed, the names and folders of what [`Self::write_choice`]
+    /// writes.
+    pub fn check_outputs(&self, global: &Global) -> Result<(), CliError> {
+        self.core.iter().try_for_each(|file| global.check_output(file, MASKS))?;
+        self.explain.iter().try_for_each(|file| global.check_output(file, &[".png"]))
+    }
+
     fn write_core(&self, session: &Session, global: &Global) -> Result<(), CliError> {
         let Some(file) = &self.core else { return Ok(()) };
-        global.check_output(file, MASKS)?;
         let (core, segmented) = (session.core()?, session.lumen()?);
         let (own, grid) = (segmented.lumen.volume_grid(), segmented.lumen.stored_grid());
         let mut voxels = vec![0u8; grid.len()];
@@ -132,7 +138,6 @@ impl LumenArgs {
 
     fn draw_organ(&self, session: &Session, global: &Global) -> Result<(), CliError> {
         let Some(file) = &self.explain else { return Ok(()) };
-        global.check_output(file, &[".png"])?;
         let (volume, segmented) = (session.volume()?, session.lumen()?);
         let seeds: Vec<UVec3> =
             segmented.organ.iter().flat_map(|o| &o.segments).map(|s| s.seed).collect();
@@ -203,7 +208,7 @@ pub fn write_mask(
 }
 
 /// `FILE:1,2` into path and labels; a path that exists as it stands has no labels.
-fn split_labels(spec: &Path) -> (PathBuf, Vec<i64>) {
+pub fn split_labels(spec: &Path) -> (PathBuf, Vec<i64>) {
     if spec.exists() {
         return (spec.into(), Vec::new());
     }

@@ -17,7 +17,7 @@ pub struct Args {
 impl Args {
     /// Computes what a flight needs, flies, writes frames.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
-        self.flags.check_files(&self.flags.out)?;
+        self.flags.check_files(global, &self.flags.out)?;
         let mut session = self.flags.session(global)?;
         let recording = self.flags.recording(self.flags.out.clone());
         session.expect(&session.products_of_frames());

@@ -35,7 +35,7 @@ impl Args {
     /// Computes everything and writes everything, the report last.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
         let out = &self.flags.out;
-        self.flags.check_files(&out.join("frames"))?;
+        self.flags.check_files(global, &out.join("frames"))?;
         let mut session = self.flags.session(global)?;
         let frames = out.join("frames");
         let recording = Recording {

@@ -35,6 +35,7 @@ impl Args {
     /// Chooses the lumen and writes it.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
         global.check_output(&self.output, SEGMENTED)?;
+        self.lumen.check_outputs(global)?;
         let series = self.source_series()?;
         let settings = Settings { lumen: self.lumen.settings()?, ..global.settings() };
         let settings = Settings { device: DeviceChoice::Cpu, ..settings };

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use super::CliError;
 use super::centerline::PathArgs;
 use super::frames::FrameArgs;
-use super::global::Global;
-use super::lumen_args::LumenArgs;
+use super::global::{Global, MASKS};
+use super::lumen_args::{LumenArgs, split_labels};
 use super::mode::ModeArg;
 use super::surface_args::SurfaceArgs;
 use crate::formats::{VideoWriter, shown};
@@ -51,18 +51,31 @@ impl SessionArgs {
     }
 
     /// Checks, before anything is computed, where the files beside the frames go: into a folder
-    /// that is there or will be, and not in the place of an input or of another output.
+    /// that is there or will be, and not in the place of an input or of another output; and that no
+    /// output takes the place of an input.
     ///
     /// * `frames`: the folder of the frames, the one of the outputs or within it.
-    pub fn check_files(&self, frames: &Path) -> Result<(), CliError> {
+    pub fn check_files(&self, global: &Global, frames: &Path) -> Result<(), CliError> {
         let within = |folder: &Path, name| place(&folder.join(name));
         // Through a file in it, so that a link to a folder is followed.
         let folder_of = |folder: &Path| within(folder, "file").parent().map(Path::to_owned);
         let (out, frames_at) = (folder_of(&self.out), folder_of(frames));
-        let mut taken: Vec<PathBuf> = self.input.iter().map(|p| place(p)).collect();
+        let mask = self.lumen.mask.as_deref().map(|spec| split_labels(spec).0);
+        let inputs = self.input.iter().chain(&mask).chain(&self.frames.path);
+        let mut taken: Vec<PathBuf> = Vec::new();
         if frames != self.out {
             taken.extend(RUN_FILES.map(|name| within(&self.out, name)));
         }
+        for input in inputs {
+            let at = place(input);
+            if taken.contains(&at) {
+                let why = "an output of this run would take the place of this input";
+                return Err(CliError::Usage(format!("{}: {why}", shown(input))));
+            }
+            taken.push(at);
+        }
+        self.lumen.core.iter().try_for_each(|file| global.check_name(file, MASKS))?;
+        self.lumen.explain.iter().try_for_each(|file| global.check_name(file, &[".png"]))?;
         let files = [
             ("--write-path", &self.frames.write_path),
             ("--video", &self.frames.video),

@@ -10,7 +10,7 @@ use super::repeat::timed_products;
 use super::surface_args::{RefineArgs, SurfaceArgs, SurfaceFrom};
 use crate::formats::{shown, write_wall};
 use crate::session::{
-    LevelSettings, Lod, Product, Session, Settings, SurfaceReport, WallReport, written_mesh,
+    LevelSettings, Lod, Mode, Product, Session, Settings, SurfaceReport, WallReport, written_mesh,
 };
 
 /// `intima surface INPUT LUMEN -o MESH`
@@ -38,9 +38,14 @@ impl Args {
     /// Extracts, smooths normals and writes.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
         global.check_output(&self.output, MESHES)?;
+        self.lumen.check_outputs(global)?;
         let mut wall = self.surface.settings()?;
         wall.from_mask |= self.from == Some(SurfaceFrom::Mask);
         let refine = self.refine.refine;
+        if refine.is_some() && self.mode.mode == Mode::Paper {
+            let why = "--refine: the wall of --mode paper is not refined";
+            return Err(CliError::Usage(why.into()));
+        }
         let lod = if refine.is_some() { Lod::Auto } else { Lod::Off };
         let settings = Settings {
             mode: self.mode.mode,

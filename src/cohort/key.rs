@@ -1,9 +1,9 @@
 //! The key of a case: a hash of everything that decides its outputs.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::{Case, InputFile};
-use crate::formats::{FormatError, input_files, open_plain};
+use crate::formats::{FormatError, input_files, names_are_places, open_plain};
 
 /// Schema of a status, and the first thing in a key.
 pub(super) const SCHEMA: &str = "intima.status/1";
@@ -24,7 +24,8 @@ pub struct Recipe {
 }
 
 impl Recipe {
-    /// The key of a case and its input files. Names and places of files are not in it.
+    /// The key of a case and its input files. Names and places of files are not in it, but for the names
+    /// of chunks, which say where their samples lie.
     ///
     /// * `known`: what an earlier status says of the input. Where the number of files, and size and
     ///   time of a file, are the same, so is its hash; with `None` all bytes are read.
@@ -43,11 +44,16 @@ impl Recipe {
             .enumerate()
             .map(|(i, path)| InputFile::of(path, known.map(|k| &k[i])))
             .collect::<Result<_, _>>()?;
-        let mut hashes: Vec<&str> = inputs.iter().map(|f| f.blake3.as_str()).collect();
+        let has_places = names_are_places(&case.input);
+        let hash = |(file, path): (&InputFile, &PathBuf)| match path.strip_prefix(&case.input) {
+            Ok(name) if has_places => format!("{} {}", file.blake3, name.display()),
+            _ => file.blake3.clone(),
+        };
+        let mut hashes: Vec<String> = inputs.iter().zip(&files).map(hash).collect();
         hashes.sort_unstable();
         let mut hasher = blake3::Hasher::new();
         let recipe = [SCHEMA, &self.build, &self.settings, &self.device];
-        for part in recipe.into_iter().chain(hashes) {
+        for part in recipe.into_iter().chain(hashes.iter().map(String::as_str)) {
             // With its length, so that no two lists of parts are the same bytes.
             hasher.update(&(part.len() as u64).to_le_bytes());
             hasher.update(part.as_bytes());
@@ -116,5 +122,28 @@ mod tests {
         std::fs::write(&input, "xx").unwrap();
         let (longer, files) = recipe().key(&case, Some(&known)).unwrap();
         assert!(longer != key && files[0].blake3 != "planted" && files[0].bytes == 2);
+    }
+
+    #[test]
+    fn chunks_of_a_zarr_array_that_changed_places_change_the_key() {
+        let dir = tempfile::tempdir().unwrap();
+        let array = serde_json::json!({
+            "zarr_format": 2, "shape": [2, 2, 2], "chunks": [1, 2, 2], "dtype": "|u1",
+            "compressor": null, "fill_value": 0, "order": "C", "filters": null,
+            "dimension_separator": "."
+        });
+        let case = |name: &str, layers: [[u8; 4]; 2]| {
+            let input = dir.path().join(name);
+            std::fs::create_dir_all(&input).unwrap();
+            std::fs::write(input.join(".zarray"), array.to_string()).unwrap();
+            let layers = ["0.0.0", "1.0.0"].into_iter().zip(layers);
+            layers.for_each(|(n, bytes)| std::fs::write(input.join(n), bytes).unwrap());
+            Case { name: "sub-1".into(), input, source: None }
+        };
+        let key = |case: &Case| recipe().key(case, None).unwrap().0;
+        let (a, b) = ([1, 2, 3, 4], [5, 6, 7, 8]);
+        let upright = key(&case("a", [a, b]));
+        assert_eq!(key(&case("b", [a, b])), upright);
+        assert_ne!(key(&case("c", [b, a])), upright);
     }
 }

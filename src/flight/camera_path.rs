@@ -26,6 +26,8 @@ pub struct CameraPathPose {
     pub rotation: DQuat,
     /// Desired near plane, mm.
     pub near_mm: f64,
+    /// Whether the eye jumps to this place: the way from the pose before is not flown.
+    pub is_cut: bool,
 }
 
 /// A camera path: shots in the order of time, at least one.
@@ -113,6 +115,9 @@ struct Entry {
     quaternion: [f64; 4],
     /// Distance of the near plane.
     near: f64,
+    /// Whether the eye jumps here.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    cut: bool,
 }
 
 impl CameraPath {
@@ -163,11 +168,12 @@ impl CameraPath {
             .iter()
             .map(|s| {
                 format!(
-                    "{{\"seconds\":{},\"position\":[{}],\"quaternion\":[{}],\"near\":{}}}",
+                    "{{\"seconds\":{},\"position\":[{}],\"quaternion\":[{}],\"near\":{}{}}}",
                     n(s.seconds),
                     list(&s.position_mm.to_array()),
                     list(&s.rotation.to_array()),
-                    n(s.near_mm)
+                    n(s.near_mm),
+                    if s.is_cut { ",\"cut\":true" } else { "" }
                 )
             })
             .collect();
@@ -200,26 +206,44 @@ impl CameraPath {
             return CameraPathPose { seconds, ..end };
         }
         let (a, b) = (self.shots[i - 1], self.shots[i]);
+        if b.is_cut {
+            return CameraPathPose { seconds, is_cut: false, ..a };
+        }
         let t = (seconds - a.seconds) / (b.seconds - a.seconds);
         CameraPathPose {
             seconds,
             position_mm: a.position_mm.lerp(b.position_mm, t),
             rotation: a.rotation.slerp(b.rotation, t),
             near_mm: a.near_mm + t * (b.near_mm - a.near_mm),
+            is_cut: false,
         }
     }
 
     /// Resamples the path to `count` shots at equal steps in time; a shot at the time of one of the
-    /// file's equals it.
+    /// file's equals it. A path of one shot stays as it is.
     pub fn resampled(&self, count: usize) -> Self {
         let count = count.clamp(1, MAX_FRAMES);
-        if count == self.shots.len() {
+        if count == self.shots.len() || self.shots.len() == 1 {
             return self.clone();
         }
         let start = self.shots.first().map_or(0.0, |s| s.seconds);
         let each = self.total_seconds() / (count.max(2) - 1) as f64;
-        let shots = (0..count).map(|k| self.at(start + each * k as f64)).collect();
-        Self { fov_y_deg: self.fov_y_deg, shots }
+        // A shot's own time, where rounding alone keeps the step beside it.
+        let time = |k: usize| {
+            let even = start + each * k as f64;
+            let hair = 1e-9 * (1.0 + even.abs());
+            let next = self.shots.partition_point(|s| s.seconds < even - hair);
+            let near = self.shots.get(next).filter(|s| s.seconds <= even + hair);
+            near.map_or(even, |s| s.seconds)
+        };
+        let jumps = |from: f64, to: f64| {
+            self.shots.iter().any(|s| s.is_cut && s.seconds > from && s.seconds <= to)
+        };
+        let shot = |k: usize| {
+            let is_cut = k > 0 && jumps(time(k - 1), time(k));
+            CameraPathPose { is_cut, ..self.at(time(k)) }
+        };
+        Self { fov_y_deg: self.fov_y_deg, shots: (0..count).map(shot).collect() }
     }
 
     /// Returns the flight of this path, shot by shot: each is proven clear of the wall, with a
@@ -242,10 +266,9 @@ impl CameraPath {
                 room_mm,
             })?;
             let pose = Pose { position_mm, rotation: s.rotation.as_quat().normalize() };
-            let way_mm = flight
-                .poses
-                .last()
-                .map_or(0.0, |before| f64::from(before.position_mm.distance(position_mm)));
+            let before = flight.poses.last().filter(|_| !s.is_cut);
+            let way_mm = before.map_or(0.0, |b| f64::from(b.position_mm.distance(position_mm)));
+            flight.cuts.extend((s.is_cut && frame > 0).then_some(frame));
             let arc_mm = flight.arc_mm.last().copied().unwrap_or(0.0) + way_mm;
             flight.push((pose, near, room), s.seconds - start, arc_mm);
             // The proven distance is less than the room, by up to the diagonal of a voxel.
@@ -266,6 +289,7 @@ impl From<&Flight> for CameraPath {
                 position_mm: position_mm.as_dvec3(),
                 rotation: rotation.as_dquat(),
                 near_mm: f64::from(flight.near_mm[i]),
+                is_cut: flight.cuts.contains(&i),
             }
         };
         Self {
@@ -303,7 +327,8 @@ impl Entry {
         if !(1e-3..=1e3).contains(&self.near) {
             return wrong("near", self.near.to_string(), "not within 0.001 to 1000 mm");
         }
-        Ok(CameraPathPose { seconds: self.seconds, position_mm, rotation, near_mm: self.near })
+        let (near_mm, is_cut) = (self.near, self.cut && entry > 0);
+        Ok(CameraPathPose { seconds: self.seconds, position_mm, rotation, near_mm, is_cut })
     }
 }
 
@@ -317,6 +342,7 @@ mod tests {
             position_mm: DVec3::new(1.0 / 3.0, -2.5e-7, 1234.5) * f64::from(i),
             rotation: DQuat::from_rotation_y(0.3 * f64::from(i)),
             near_mm: 0.1 + 0.2 * f64::from(i),
+            is_cut: i == 3,
         };
         CameraPath { fov_y_deg: 77.7, shots: (0..9).map(shot).collect() }
     }
@@ -384,5 +410,23 @@ mod tests {
         for bad in ["", "{}", "[]", "\u{0}", &deep, &good[..good.len() / 2]] {
             assert!(matches!(CameraPath::parse(bad.as_bytes()), Err(CameraPathError::Json { .. })));
         }
+    }
+
+    #[test]
+    fn no_pose_of_a_resampled_path_lies_between_two_pieces() {
+        let s = script();
+        let more = s.resampled(33);
+        let cuts: Vec<usize> = (0..33).filter(|k| more.shots[*k].is_cut).collect();
+        assert_eq!(cuts, [12]);
+        for shot in &more.shots[8..12] {
+            assert_eq!(shot.position_mm, s.shots[2].position_mm);
+        }
+        let back = CameraPath::parse(more.to_json().as_bytes()).unwrap();
+        assert_eq!(back, more);
+        // Fewer poses than pieces have: the jump is not lost.
+        assert!(s.resampled(3).shots[1].is_cut);
+        // One pose stays one: many at one time would be no path.
+        let one = CameraPath { shots: s.shots[..1].to_vec(), ..s };
+        assert_eq!(one.resampled(500), one);
     }
 }

@@ -101,23 +101,22 @@ impl FlightPath {
         }
         let arc_mm = flight.arc_mm.clone();
         let flown_mm = flown_mm(&poses, &flight.cuts);
-        let points: Vec<_> = line.branches.iter().flat_map(|b| &b.points).collect();
-        // The nearest point, searched about the one before.
-        let mut at = 0;
+        let places = CenterlinePlaces::new(line);
+        let first = line.branches.first().and_then(|b| b.points.first());
         let radius = |pose: &Pose| {
-            let p = pose.position_mm.as_dvec3();
-            let off = |i: usize| points[i].position_mm.distance_squared(p);
-            let near =
-                (at..(at + 200).min(points.len())).min_by(|a, b| off(*a).total_cmp(&off(*b)));
-            let near = near.filter(|i| off(*i) < 25.0);
-            let all = || (0..points.len()).min_by(|a, b| off(*a).total_cmp(&off(*b)));
-            at = near.or_else(all).unwrap_or(0);
-            points.get(at).map_or(0.0, |p| p.radius_mm)
+            let Some(place) = places.nearest(pose.position_mm.as_dvec3()) else {
+                return first.map_or(0.0, |p| p.radius_mm);
+            };
+            let points = &line.branches[place.at.branch].points;
+            let [a, b] = [&points[place.at.point], &points[place.at.point + 1]];
+            let way = a.position_mm.distance(b.position_mm);
+            let t = (a.position_mm.distance(place.position_mm) / way).clamp(0.0, 1.0);
+            a.radius_mm + t * (b.radius_mm - a.radius_mm)
         };
         let radius_mm = poses.iter().map(radius).collect();
         let (seconds, cuts) = (flight.seconds.clone(), flight.cuts.clone());
         let room_mm = flight.room_mm.clone();
-        let (sections, places) = (Vec::new(), CenterlinePlaces::new(line));
+        let sections = Vec::new();
         Some(Self { poses, seconds, arc_mm, flown_mm, radius_mm, room_mm, cuts, sections, places })
     }
 
@@ -343,5 +342,41 @@ mod tests {
         }
         assert_eq!(arc, 0.0);
         assert_eq!(path.radius_at(1.0), 1.0);
+    }
+
+    #[test]
+    fn the_radius_on_a_branch_is_that_of_the_branch_and_not_of_the_trunk_beside_it() {
+        // A branch that leaves a wide trunk at so small an angle that they stay within 5 mm.
+        let along = |slope: f64, radius_mm: f64| Branch {
+            points: (0..40)
+                .map(|i| CenterlinePoint {
+                    position_mm: DVec3::new(f64::from(i), slope * f64::from(i), 0.0),
+                    abscissa_mm: f64::from(i),
+                    radius_mm,
+                })
+                .collect(),
+            ..Branch::default()
+        };
+        let line = Centerline {
+            branches: vec![along(0.0, 9.0), along(0.1, 2.0)],
+            ..Centerline::default()
+        };
+        let pose = |i: i32| Pose {
+            position_mm: Vec3::new(i as f32, 0.1 * i as f32, 0.0),
+            rotation: Quat::IDENTITY,
+        };
+        let (base, _) = flight();
+        let flight = Flight {
+            poses: (10..30).map(pose).collect(),
+            near_mm: vec![0.5; 20],
+            seconds: (0..20).map(f64::from).collect(),
+            arc_mm: (0..20).map(f64::from).collect(),
+            clearance_mm: vec![1.0; 20],
+            room_mm: vec![2.0; 20],
+            cuts: Vec::new(),
+            ..base
+        };
+        let path = FlightPath::new(&flight, &line).unwrap();
+        assert!(path.radius_mm.iter().all(|r| (r - 2.0).abs() < 1e-9), "{:?}", path.radius_mm);
     }
 }

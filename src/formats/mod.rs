@@ -23,8 +23,9 @@ pub use mesh::{Facing, Space, is_mesh, read_mesh, write_mesh, write_wall};
 pub use video::{NoFfmpeg, VideoWriter};
 pub use vol::{
     ImageInfo, InputInfo, ReadOptions, ScreenText, SegmentDescription, SegmentInfo, SeriesInfo,
-    SnomedCode, SourceSeries, VolumeParts, check_data_file, input_files, inspect, open_plain,
-    read_plain, read_volume, write_layers, write_segment, write_vector_field, write_volume,
+    SnomedCode, SourceSeries, VolumeParts, check_data_file, input_files, inspect, names_are_places,
+    open_plain, read_plain, read_volume, write_layers, write_segment, write_vector_field,
+    write_volume,
 };
 
 /// Carried by every image and video that leaves, and by the report.

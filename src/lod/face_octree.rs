@@ -10,7 +10,7 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::octree::{Item, Octree, OctreeNode};
-use super::{DrawnRange, DrawnWall, HierarchicalZ, OcclusionTest, ViewFrustum, VisibleWall};
+use super::{DrawnWall, HierarchicalZ, OcclusionTest, ViewFrustum, VisibleWall};
 use crate::geometry::{Camera, Mesh};
 
 /// Most faces of a leaf. Fewer are culled more tightly, but each range of faces is a draw.
@@ -62,24 +62,6 @@ impl FaceOctree {
         self.tree.children(node)
     }
 
-    /// Ranges of [`Self::indices`] that `camera` can see, ascending.
-    ///
-    /// * `closed`: occlusion test of a closed wall with the eye inside it. Cells of back faces and
-    ///   occluded cells are left out then.
-    pub fn visible(&self, camera: &Camera, closed: Option<&OcclusionTest>) -> Vec<Range<u32>> {
-        let frustum = ViewFrustum::new(camera);
-        let depths = closed.map(|test| test.depths(&frustum));
-        let mut ranges: Vec<Range<u32>> = Vec::new();
-        self.visible_leaves(&frustum, depths.as_ref(), |_, n| {
-            let own = 3 * n.first..3 * (n.first + n.count);
-            match ranges.last_mut() {
-                Some(last) if last.end == own.start => last.end = own.end,
-                _ => ranges.push(own),
-            }
-        });
-        ranges
-    }
-
     /// Calls `leaf` with each leaf that may be seen, in the order of the tree.
     ///
     /// * `depths`: depths behind which a closed wall hides, seen from inside it. Cells of back faces
@@ -114,14 +96,13 @@ pub struct CulledWall {
 
 impl DrawnWall for CulledWall {
     fn visible(&self, camera: &Camera) -> VisibleWall {
-        let ranges = self.octree.visible(camera, self.closed.as_deref()).into_iter();
-        let range = |r: Range<u32>| DrawnRange {
-            first_index: r.start,
-            indices: r.end - r.start,
-            first_vertex: 0,
-            morph: 0,
-        };
-        ranges.map(range).collect()
+        let frustum = ViewFrustum::new(camera);
+        let depths = self.closed.as_ref().map(|test| test.depths(&frustum));
+        let mut seen = VisibleWall::default();
+        self.octree.visible_leaves(&frustum, depths.as_ref(), |_, n| {
+            seen.add_faces(n.first..n.first + n.count);
+        });
+        seen
     }
 
     fn shows_backs(&self) -> bool {
@@ -136,15 +117,16 @@ mod tests {
     use super::*;
     use crate::geometry::shapes::torus;
     use crate::geometry::{Lens, Pose, TriangleBvh};
-    use crate::lod::occlusion_grid;
+    use crate::lod::{DrawnRange, occlusion_grid};
 
     #[test]
     fn a_ray_from_the_eye_meets_no_face_that_is_left_out() {
         let mesh = torus(400, 120);
-        let octree = FaceOctree::new(&mesh);
+        let octree = Arc::new(FaceOctree::new(&mesh));
         let indices = octree.indices(&mesh.faces);
         let face_of = |i: u32| [0, 1, 2].map(|k| indices[3 * i as usize + k]);
-        let test = OcclusionTest::of_wall(occlusion_grid(&mesh));
+        let closed = Some(Arc::new(OcclusionTest::of_wall(occlusion_grid(&mesh))));
+        let wall = CulledWall { octree, closed };
         let tree = TriangleBvh::new(&mesh);
         let mut seed = 9u64;
         let mut noise = || {
@@ -158,10 +140,11 @@ mod tests {
             let gaze = Vec3::new(noise(), noise(), noise());
             let camera =
                 Camera { pose: Pose::looking(eye, eye + gaze, Vec3::Z), lens, height_px: 100 };
-            let ranges = octree.visible(&camera, Some(&test));
-            assert!(ranges.is_sorted_by(|a, b| a.end < b.start), "{ranges:?}");
+            let ranges = wall.visible(&camera).ranges;
+            let end = |r: &DrawnRange| r.first_index + r.indices;
+            assert!(ranges.is_sorted_by(|a, b| end(a) < b.first_index), "{ranges:?}");
             let faces: Vec<[u32; 3]> =
-                ranges.iter().flat_map(|r| r.start / 3..r.end / 3).map(face_of).collect();
+                ranges.iter().flat_map(|r| r.first_index / 3..end(r) / 3).map(face_of).collect();
             drawn += faces.len();
             let seen = TriangleBvh::new(&Mesh { faces, ..mesh.clone() });
             for _ in 0..200 {
@@ -185,6 +168,8 @@ mod tests {
         let lens = Lens { fov_y_rad: 1.0, aspect: 1.0, near_mm: 0.1 };
         let pose = Pose::looking(Vec3::ZERO, Vec3::X, Vec3::Z);
         let camera = Camera { pose, lens, height_px: 9 };
-        assert!(octree.visible(&camera, None).is_empty() && octree.indices(&[]).is_empty());
+        assert!(octree.indices(&[]).is_empty());
+        let wall = CulledWall { octree: Arc::new(octree), closed: None };
+        assert!(wall.visible(&camera).ranges.is_empty());
     }
 }

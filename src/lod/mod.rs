@@ -26,7 +26,7 @@ pub use exterior::ExteriorGrid;
 pub use face_octree::{CulledWall, FaceOctree};
 pub use hierarchical_z::{DepthMargin, HierarchicalZ};
 pub use occlusion::{OcclusionTest, occlusion_grid, occlusion_grid_around};
-pub use slot_cache::{NoSlot, SlotCache};
+pub use slot_cache::SlotCache;
 pub use view_frustum::{ProjectedBounds, ViewFrustum};
 
 use std::fmt::Debug;
@@ -72,6 +72,20 @@ impl VisibleWall {
     pub fn triangles(&self) -> u64 {
         let flat: u64 = self.ranges.iter().map(|range| u64::from(range.indices / 3)).sum();
         flat + self.refined.iter().map(|face| u64::from(face.triangles())).sum::<u64>()
+    }
+
+    /// Adds faces of a mesh, in the order in which their indices lie.
+    fn add_faces(&mut self, faces: std::ops::Range<u32>) {
+        let (first, count) = (3 * faces.start, 3 * (faces.end - faces.start));
+        match self.ranges.last_mut() {
+            Some(last) if last.first_index + last.indices == first => last.indices += count,
+            _ => self.ranges.push(DrawnRange {
+                first_index: first,
+                indices: count,
+                first_vertex: 0,
+                morph: 0,
+            }),
+        }
     }
 }
 

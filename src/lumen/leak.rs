@@ -26,6 +26,8 @@ pub struct LeakReport {
 
 /// Width of a step of the volume curve, real units (HU).
 const STEP: f64 = 8.0;
+/// Least number of steps of a selection.
+const STEPS: usize = 16;
 /// A step explodes when it adds more than this share of the volume before it …
 const SHARE: f64 = 0.2;
 /// … and more than this, ml.
@@ -222,8 +224,7 @@ impl Flood {
 
     /// The level a step of leak control above one, if the flood went on from there.
     pub fn next_level(&self, level: usize) -> Option<usize> {
-        let step = ((STEP / self.unit).round() as usize).max(1);
-        let next = (level + step).min(self.filled.len() - 1);
+        let next = (level + self.step()).min(self.filled.len() - 1);
         (next > level).then_some(next)
     }
 
@@ -239,9 +240,15 @@ impl Flood {
     /// * `first`: up to here the lumen is still joining up.
     /// * `calm`: steps without one before an explosion counts.
     fn before_leak(&self, first: usize, calm: usize) -> (usize, Option<f64>) {
-        let step = ((STEP / self.unit).round() as usize).max(1);
         let first = first.min(self.filled.len() - 1);
-        settle(&self.filled, first, step, calm, self.voxel_ml())
+        settle(&self.filled, first, self.step(), calm, self.voxel_ml())
+    }
+
+    /// Levels of a step of the volume curve; a narrow selection, as of values from 0 to 1, has
+    /// [`STEPS`] steps.
+    fn step(&self) -> usize {
+        let most = self.filled.len() / STEPS;
+        ((STEP / self.unit).round() as usize).min(most).max(1)
     }
 
     /// Median level of the 5³ voxels about the seed that are in the selection. Below it a noisy

@@ -272,3 +272,28 @@ fn a_sheared_grid_is_refused_by_the_library_with_its_angle() {
         }
     }
 }
+
+#[test]
+fn a_leak_is_found_whatever_the_unit_of_the_values() {
+    // A tube that opens into a large box through values between those of both.
+    let grid = Grid::axis_aligned([64, 32, 32], [1.0; 3]);
+    let level = |v: UVec3| {
+        let r = (f64::from(v.y) - 16.0).hypot(f64::from(v.z) - 16.0);
+        match v.x {
+            0..24 if r < 4.0 => 0.05 + 0.001 * f64::from((v.x + v.y) % 7),
+            24..26 if r < 1.5 => 0.6,
+            26..62 if r < 15.0 => 0.3,
+            _ => 1.0,
+        }
+    };
+    let found = |scale: f64| {
+        let values: Vec<f32> =
+            (0..grid.len()).map(|i| (scale * level(grid.voxel(i))) as f32).collect();
+        let v = Volume::new(grid, Samples::from(values));
+        let selection = IntensitySelection::Range { lo: f64::NEG_INFINITY, hi: 0.9 * scale };
+        grow_controlled(&v, &selection, UVec3::new(10, 16, 16)).unwrap()
+    };
+    let (wide, narrow) = (found(1000.0), found(1.0));
+    assert!(wide.1.leak_ml.is_some() && narrow.1.leak_ml.is_some(), "{:?}", (wide.1, narrow.1));
+    assert_eq!(wide.0.count(), narrow.0.count());
+}

@@ -324,7 +324,8 @@ impl Start {
 fn seed(volume: &Volume, trachea: &Trachea) -> Option<UVec3> {
     let real = |v: &UVec3| volume.real(volume.grid.index(*v));
     let off = |v: &UVec3| v.as_ivec3().distance_squared(trachea.seed.as_ivec3());
-    let inside = |v: &UVec3| (MIN_HU..=LUNG_HU).contains(&real(v));
+    let is_padding = |v: &UVec3| volume.is_padding(volume.samples.get(volume.grid.index(*v)));
+    let inside = |v: &UVec3| (MIN_HU..=LUNG_HU).contains(&real(v)) && !is_padding(v);
     let core = || trachea.core.voxels().filter(inside);
     let least = core().map(|v| off(&v)).min()?;
     core()

@@ -178,16 +178,25 @@ struct BodyPlace<'a> {
     head_mm: f64,
 }
 
+/// Least and greatest coordinates of a box of voxels, LPS mm: of all its corners, for the axes of an
+/// oblique grid are not the patient's.
+fn extent_mm(grid: &Grid, low: DVec3, high: DVec3) -> (DVec3, DVec3) {
+    let to_world = grid.world_from_voxel();
+    let corner = |n: u32| {
+        let is_high = glam::BVec3::new(n & 1 != 0, n & 2 != 0, n & 4 != 0);
+        to_world.transform_point3(DVec3::select(is_high, high, low))
+    };
+    let around = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    (0..8).map(corner).fold(around, |(lo, hi), p| (lo.min(p), hi.max(p)))
+}
+
 impl<'a> BodyPlace<'a> {
     fn of(grid: &'a Grid, body: &BitVolume, lungs: Option<Lungs>) -> Self {
         let (low, high) = body.bounds().unwrap_or_default();
-        let x = |v: UVec3| grid.world_from_voxel().transform_point3(v.as_dvec3()).x;
-        let (a, b) = (x(low), x(high));
-        let middle_mm = lungs.map_or(0.5 * (a + b), |lungs| lungs.middle_mm);
-        let half_mm = (0.5 * (a - b).abs()).max(1.0);
-        let last = grid.dims.as_dvec3() - 1.0;
-        let ends = [DVec3::ZERO, last].map(|v| grid.world_from_voxel().transform_point3(v).z);
-        let head_mm = ends[0].max(ends[1]);
+        let (left, right) = extent_mm(grid, low.as_dvec3(), high.as_dvec3());
+        let middle_mm = lungs.map_or(0.5 * (left.x + right.x), |lungs| lungs.middle_mm);
+        let half_mm = (0.5 * (right.x - left.x)).max(1.0);
+        let head_mm = extent_mm(grid, DVec3::ZERO, grid.dims.as_dvec3() - 1.0).1.z;
         Self { grid, lungs, middle_mm, half_mm, head_mm }
     }
 
@@ -210,5 +219,26 @@ impl<'a> BodyPlace<'a> {
         features.height_mm = high.z - low.z;
         features.below_lung_mm = self.lungs.map(|lungs| lungs.lowest_mm - high.z);
         features.below_end_mm = self.head_mm - high.z;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DMat3;
+
+    use super::*;
+
+    #[test]
+    fn a_body_is_as_wide_on_an_oblique_grid_as_it_is() {
+        let straight = Grid::axis_aligned([190, 125, 60], [2.0; 3]);
+        let (low, high) = (DVec3::ZERO, straight.dims.as_dvec3() - 1.0);
+        for degrees in [-30.0f64, 30.0] {
+            let (sin, cos) = degrees.to_radians().sin_cos();
+            let grid = Grid { direction: DMat3::from_rotation_z(degrees.to_radians()), ..straight };
+            let (lo, hi) = extent_mm(&grid, low, high);
+            let want = 378.0 * cos + 248.0 * sin.abs();
+            assert!((hi.x - lo.x - want).abs() < 1e-9, "{degrees}: {}", hi.x - lo.x);
+            assert!((hi.z - lo.z - 118.0).abs() < 1e-9);
+        }
     }
 }

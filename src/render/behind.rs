@@ -2,10 +2,11 @@
 
 use super::RenderError;
 use super::host;
+use super::pipelines::whole_pass;
 use super::renderer::Renderer;
 use super::scene::{Scene, Shot, TissueHandle, UnfoldedFace};
 use crate::behind::BehindWall;
-use crate::vk::{BufferId, Draw, DrawRange, Gpu, Pass, Releaser};
+use crate::vk::{BufferId, Gpu, Pass, Releaser};
 
 /// Tissue on the device.
 pub(super) struct PlacedTissue {
@@ -100,25 +101,10 @@ impl Renderer {
             ..tissue.params
         };
         let targets = self.inside_targets(shot.view);
-        let look = Draw {
-            pipeline: self.pipelines.behind,
-            push: bytemuck::bytes_of(&push).to_vec(),
-            vertices: None,
-            indices: None,
-            range: DrawRange::Direct(0..3),
-            images: vec![targets.kept_depth],
-            buffers: vec![tissue.table, tissue.tiles, tissue.opacity],
-            scissor: None,
-        };
-        Some(Pass {
-            colour: targets.picture,
-            resolve: None,
-            depth: None,
-            kept_depth: None,
-            encoded: false,
-            clear: None,
-            area: *area,
-            draws: vec![look],
-        })
+        let (to, pipeline) = (targets.picture, self.pipelines.behind);
+        let push = bytemuck::bytes_of(&push);
+        let mut pass = whole_pass(to, *area, pipeline, push, &[targets.kept_depth]);
+        pass.draws[0].buffers = vec![tissue.table, tissue.tiles, tissue.opacity];
+        Some(pass)
     }
 }

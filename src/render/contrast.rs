@@ -5,11 +5,11 @@
 //! The guided filter (He, Sun & Tang 2013, doi:10.1109/TPAMI.2012.213) of the logarithm of light, guided
 //! by that of depth, on means of squares of pixels (fast guided filter, He & Sun 2015, arXiv:1505.00996).
 
-use super::pipelines::{PICTURE, STATISTICS};
+use super::pipelines::{PICTURE, STATISTICS, whole_pass};
 use super::renderer::Renderer;
 use super::scene::{Scene, View};
 use super::{RenderError, host};
-use crate::vk::{Area, Draw, DrawPipelineId, DrawRange, Gpu, ImageId, ImageSpec, Pass, Releaser};
+use crate::vk::{Area, Gpu, ImageId, ImageSpec, Pass, Releaser};
 
 /// Largest share by which light may depart farther from smooth light.
 pub const MAX_LOCAL_CONTRAST: f32 = 2.0;
@@ -117,7 +117,7 @@ impl Renderer {
         };
         let (along, down) = (blur([1, 0]), blur([0, 1]));
         let bytes = bytemuck::bytes_of::<host::contrast_blur::Params>;
-        vec![
+        let passes = [
             whole_pass(
                 first,
                 coarse,
@@ -136,36 +136,7 @@ impl Renderer {
                 bytemuck::bytes_of(&lay),
                 &[picture, depth, first],
             ),
-        ]
-    }
-}
-
-/// A pass that fills an area from other images.
-fn whole_pass(
-    colour: ImageId,
-    area: Area,
-    pipeline: DrawPipelineId,
-    push: &[u8],
-    images: &[ImageId],
-) -> Pass {
-    let fill = Draw {
-        pipeline,
-        push: push.to_vec(),
-        vertices: None,
-        indices: None,
-        range: DrawRange::Direct(0..3),
-        images: images.to_vec(),
-        buffers: Vec::new(),
-        scissor: None,
-    };
-    Pass {
-        colour,
-        resolve: None,
-        depth: None,
-        kept_depth: None,
-        encoded: false,
-        clear: Some([0.0; 4]),
-        area,
-        draws: vec![fill],
+        ];
+        passes.map(|pass| Pass { clear: Some([0.0; 4]), ..pass }).into()
     }
 }

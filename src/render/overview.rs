@@ -11,10 +11,11 @@ use glam::Vec3;
 use super::camera::clip_from_world;
 use super::host;
 use super::inside::surface_push;
+use super::pipelines::whole_pass;
 use super::renderer::{Renderer, draw};
 use super::scene::{GlassKey, Scene, Shot};
 use crate::geometry::{Lens, Pose};
-use crate::vk::{Area, Draw, DrawRange, Pass};
+use crate::vk::{Area, Draw, Pass};
 
 /// Thickness of the path and size of the camera, as shares of the organ's diagonal.
 const PATH_RADIUS: f32 = 0.0045;
@@ -63,32 +64,15 @@ impl Renderer {
                 (high - low).length() / scene.framing.zoom,
             ),
         });
-        let lay = Draw {
-            pipeline: self.pipelines.stack,
-            push: bytemuck::bytes_of(&host::stack::Params { grid: self.targets.glass_grid })
-                .to_vec(),
-            vertices: None,
-            indices: None,
-            range: DrawRange::Direct(0..3),
-            images: vec![self.targets.glass],
-            buffers: Vec::new(),
-            scissor: None,
-        };
-        passes.push(Pass {
-            colour: self.targets.picture,
-            resolve: None,
-            depth: None,
-            kept_depth: None,
-            encoded: false,
-            clear: None,
-            area,
-            draws: vec![lay],
-        });
+        let glass = self.targets.glass();
+        let push = host::stack::Params { grid: glass.grid };
+        let (to, pipeline) = (self.targets.picture, self.pipelines.stack);
+        passes.push(whole_pass(to, area, pipeline, bytemuck::bytes_of(&push), &[glass.image]));
     }
 
     fn glass_pass(&self, key: GlassKey, pose: &Pose, lens: &Lens) -> Pass {
-        let t = &self.targets;
-        let grid = t.glass_grid;
+        let glass = self.targets.glass();
+        let grid = glass.grid;
         let Area { x, y, width, height } = key.area;
         let area = Area { x: grid * x, y: grid * y, width: grid * width, height: grid * height };
         let model = key.mesh.map(|m| self.model(m));
@@ -105,9 +89,9 @@ impl Renderer {
         let has_colours = model.is_some_and(|m| m.uncoloured.is_some());
         let layers = if has_colours { p.glass_coloured } else { p.glass };
         Pass {
-            colour: t.glass,
+            colour: glass.image,
             resolve: None,
-            depth: Some(t.glass_depth),
+            depth: Some(glass.depth),
             kept_depth: None,
             encoded: false,
             clear: Some([0.0, 0.0, 0.0, 1.0]),

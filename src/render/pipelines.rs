@@ -2,7 +2,8 @@
 
 use super::host;
 use crate::vk::{
-    Attribute, Blend, DepthUse, DrawPipelineId, DrawSpec, Format, Gpu, Releaser, VkError,
+    Area, Attribute, Blend, DepthUse, Draw, DrawPipelineId, DrawRange, DrawSpec, Format, Gpu,
+    ImageId, Pass, Releaser, VkError,
 };
 
 /// Format of pictures, and of the glass that is laid over them.
@@ -38,6 +39,36 @@ pub(super) struct Pipelines {
     pub contrast_blur: DrawPipelineId,
     pub contrast_fit: DrawPipelineId,
     pub contrast_lay: DrawPipelineId,
+}
+
+/// A pass that fills an area from other images. What was there is kept, to be blended with.
+pub(super) fn whole_pass(
+    colour: ImageId,
+    area: Area,
+    pipeline: DrawPipelineId,
+    push: &[u8],
+    images: &[ImageId],
+) -> Pass {
+    let fill = Draw {
+        pipeline,
+        push: push.to_vec(),
+        vertices: None,
+        indices: None,
+        range: DrawRange::Direct(0..3),
+        images: images.to_vec(),
+        buffers: Vec::new(),
+        scissor: None,
+    };
+    Pass {
+        colour,
+        resolve: None,
+        depth: None,
+        kept_depth: None,
+        encoded: false,
+        clear: None,
+        area,
+        draws: vec![fill],
+    }
 }
 
 impl Pipelines {

@@ -187,6 +187,11 @@ impl Renderer {
         self.paths.push(Some(model));
         Ok(PathHandle(self.paths.len() - 1))
     }
+
+    /// Frees a path once no frame in flight uses it.
+    pub fn remove_path(&mut self, path: PathHandle) {
+        self.paths[path.0].take().iter().for_each(|p| p.release(&self.releaser));
+    }
 }
 
 pub(super) fn upload_tubes(gpu: &mut Gpu, tubes: &Tubes) -> Result<PlacedMesh, RenderError> {

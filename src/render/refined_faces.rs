@@ -7,8 +7,8 @@ use crate::lod::VisibleWall;
 use crate::lod::refined::{PlacedFaces, RefinedSlots, RefinedWall, SlotWrite};
 use crate::vk::{BufferId, Frame, Gpu, IndexedRange, Releaser, Write};
 
-/// Bytes of vertices that are written with the frame that draws them; more are written before it, in
-/// parts.
+/// Bytes of vertices, and of indices, that are written with the frame that draws them; more are written
+/// before it, in parts.
 const WITH_FRAME: usize = 4 << 20;
 /// Largest number of inside views of a frame: the faces of a cube.
 const MAX_EYES: u32 = 6;
@@ -37,6 +37,8 @@ pub struct FrameFaces {
     pub eyes: Vec<PlacedFaces>,
     /// Vertices that the frame writes.
     vertices: Vec<SlotWrite>,
+    /// Whether the indices were written before the frame.
+    has_indices: bool,
     /// Number of faces that wait for a later frame.
     pub waiting: usize,
 }
@@ -98,15 +100,15 @@ impl RefinedFaces {
     ) -> Result<FrameFaces, RenderError> {
         let seen: Vec<&VisibleWall> = seen.iter().collect();
         let (eyes, new, waiting) = self.slots.place(&self.wall, &seen, made);
-        let mut faces = FrameFaces { eyes, vertices: new, waiting };
-        let sent = self.send_most(gpu, &mut faces).and_then(|()| self.make_room(gpu, &faces));
+        let mut faces = FrameFaces { eyes, vertices: new, has_indices: false, waiting };
+        let sent = self.make_room(gpu, &faces).and_then(|()| self.send_most(gpu, &mut faces));
         if sent.is_err() {
             self.forget();
         }
         sent.map(|()| faces)
     }
 
-    /// Writes vertices before the frame, but for as many as go with it.
+    /// Writes vertices and indices before the frame, but for as many as go with it.
     fn send_most(&self, gpu: &mut Gpu, faces: &mut FrameFaces) -> Result<(), RenderError> {
         let mut first_of_part = vec![0];
         let mut left = WITH_FRAME;
@@ -118,14 +120,34 @@ impl RefinedFaces {
             }
             left -= bytes;
         }
-        for part in first_of_part.windows(2) {
-            let writes = self.vertex_writes(&faces.vertices[part[0]..part[1]]).collect();
+        let mut send = |writes: Vec<Write<'_>>| {
             let frame = Frame { writes, ..Frame::default() };
             gpu.make_room(frame.staged_bytes())?;
-            gpu.submit_draws(&frame)?;
+            Ok::<_, RenderError>(gpu.submit_draws(&frame)?)
+        };
+        for part in first_of_part.windows(2) {
+            send(self.vertex_writes(&faces.vertices[part[0]..part[1]]).collect())?;
         }
         faces.vertices.drain(..first_of_part.pop().unwrap_or(0));
+        if WORD * faces.first_index(faces.eyes.len()) > WITH_FRAME as u64 {
+            for write in self.index_writes(faces) {
+                let parts = write.bytes.chunks(WITH_FRAME).zip((0..).step_by(WITH_FRAME));
+                for (bytes, at) in parts {
+                    let offset = write.offset + at as u64;
+                    send(vec![Write { bytes: bytes.into(), offset, ..write }])?;
+                }
+            }
+            faces.has_indices = true;
+        }
         Ok(())
+    }
+
+    fn index_writes<'f>(&self, faces: &'f FrameFaces) -> impl Iterator<Item = Write<'f>> + use<'f> {
+        let to = self.indices;
+        faces.eyes.iter().enumerate().map(move |(eye, drawn)| {
+            let bytes = bytemuck::cast_slice(&drawn.indices).into();
+            Write { to, offset: WORD * faces.first_index(eye), bytes }
+        })
     }
 
     fn make_room(&mut self, gpu: &mut Gpu, faces: &FrameFaces) -> Result<(), RenderError> {
@@ -142,10 +164,8 @@ impl RefinedFaces {
     /// Returns the writes that a frame needs before its draws.
     pub fn writes<'f>(&self, faces: &'f FrameFaces) -> Vec<Write<'f>> {
         let mut writes: Vec<Write<'f>> = self.vertex_writes(&faces.vertices).collect();
-        for (eye, drawn) in faces.eyes.iter().enumerate() {
-            let offset = WORD * faces.first_index(eye);
-            let bytes = bytemuck::cast_slice(&drawn.indices).into();
-            writes.push(Write { to: self.indices, offset, bytes });
+        if !faces.has_indices {
+            writes.extend(self.index_writes(faces));
         }
         for (eye, drawn) in faces.eyes.iter().enumerate() {
             let of_level = |(slot, words): (u32, &'f [u32])| {

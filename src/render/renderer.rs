@@ -267,6 +267,9 @@ impl Renderer {
     ) -> Result<FrameStats, RenderError> {
         self.room_for_faces(gpu, shot.view)?;
         self.room_for_contrast(gpu, scene, shot.view)?;
+        if self.areas(shot.view).1.is_some() {
+            self.targets.make_glass(gpu)?;
+        }
         let eyes = self.eyes(shot);
 
         // 1. What each eye sees of the wall, and the vertices that are not there yet.

@@ -7,11 +7,12 @@
 
 use super::RenderError;
 use super::host;
+use super::pipelines::whole_pass;
 use super::renderer::Renderer;
 use super::scene::{Shot, UnfoldedFace, View};
 use super::targets::Targets;
 use crate::geometry::{Camera, cube_faces};
-use crate::vk::{Area, Draw, DrawRange, Gpu, Pass};
+use crate::vk::{Area, Gpu, Pass};
 
 /// Columns and rows of the cross: front in the middle of the left three, back on the right.
 const CROSS: [u32; 2] = [4, 3];
@@ -114,26 +115,8 @@ impl Renderer {
             side: (faces.extent[0] / IN_ROWS[0]) as f32,
             ..bytemuck::Zeroable::zeroed()
         };
-        let unroll = Draw {
-            pipeline: self.pipelines.panorama,
-            push: bytemuck::bytes_of(&push).to_vec(),
-            vertices: None,
-            indices: None,
-            range: DrawRange::Direct(0..3),
-            images: vec![faces.picture],
-            buffers: Vec::new(),
-            scissor: None,
-        };
-        Some(Pass {
-            colour: self.targets.picture,
-            resolve: None,
-            depth: None,
-            kept_depth: None,
-            encoded: false,
-            clear: None,
-            area,
-            draws: vec![unroll],
-        })
+        let (to, pipeline) = (self.targets.picture, self.pipelines.panorama);
+        Some(whole_pass(to, area, pipeline, bytemuck::bytes_of(&push), &[faces.picture]))
     }
 }
 

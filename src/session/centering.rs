@@ -126,13 +126,13 @@ impl Session {
     /// # Errors
     /// As [`Session::centerline`].
     pub fn graph(&self) -> Result<CenterlineGraph, SessionError> {
-        let (centered, _) = (self.centerline()?, self.lumen()?);
-        let options = self.route_options()?;
-        if !self.settings.methods().branches || (options.tree && options.loops == Loops::Keep) {
+        let (centered, asked) = (self.centerline()?, self.settings.centerline);
+        if !self.settings.methods().branches || (asked.tree && asked.loops == Loops::Keep) {
             return Ok(centered.line.graph());
         }
-        let options = RouteOptions { tree: true, loops: Loops::Keep, ..options };
+        // A run lets go of its fields; ends by name are found in them.
         let (lumen, fields) = (self.lumen()?, self.fields()?);
+        let options = RouteOptions { tree: true, loops: Loops::Keep, ..self.route_options()? };
         let start = Instant::now();
         let all = self
             .pool

@@ -16,8 +16,8 @@ use crate::device::{Device, DeviceError};
 use crate::flight::Flight;
 use crate::geometry::{Centerline, CenterlinePoint, Pose};
 use crate::render::{
-    FrameSequence, FrameStats, Look, MeshHandle, PreparedMesh, RenderError, Renderer, Scene, Shot,
-    Spares, TissueHandle, View,
+    FrameSequence, FrameStats, Look, MeshHandle, PathHandle, PreparedMesh, RenderError, Renderer,
+    Scene, Shot, Spares, TissueHandle, View,
 };
 use crate::task::CancelToken;
 use crate::vk::{Choice, Gpu, VkError, return_freed_memory};
@@ -186,6 +186,7 @@ impl Session {
             scene.path = Some(path);
         }
         let shots = shots(&flight, s.view, &share_of_path(&pieces, &flight));
+        let path = scene.path;
         Ok(FrameStream {
             size: s.size,
             spares: renderer.spares(),
@@ -194,6 +195,7 @@ impl Session {
             display,
             sequence: Some(FrameSequence::new(scene, shots)),
             held,
+            path,
             tissue,
             flight,
             lod: levels.report.clone(),
@@ -320,6 +322,7 @@ pub struct FrameStream {
     sequence: Option<FrameSequence>,
     /// Meshes that the stream holds on the device.
     held: Vec<MeshHandle>,
+    path: Option<PathHandle>,
     tissue: Option<TissueHandle>,
     flight: Arc<Flight>,
     size: [u32; 2],
@@ -433,6 +436,7 @@ impl FrameStream {
             });
         }
         self.held.drain(..).for_each(|m| renderer.remove_mesh(m));
+        self.path.take().into_iter().for_each(|path| renderer.remove_path(path));
         self.tissue.take().into_iter().for_each(|tissue| renderer.remove_tissue(tissue));
         renderer
     }

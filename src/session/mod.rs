@@ -176,6 +176,12 @@ impl Session {
         Ok(Self::on_pool(source, settings, pool, cancel))
     }
 
+    /// Runs work on the threads of the session: parallel work elsewhere would start one thread for each
+    /// core beside them.
+    pub fn install<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
+        self.pool.install(work)
+    }
+
     fn on_pool(
         source: Source,
         settings: Settings,

@@ -274,9 +274,12 @@ fn draw_overview(
 ) -> Result<Vec<u8>, RenderError> {
     let has_path = pieces.iter().any(|p| p.len() > 1);
     let path = has_path.then(|| renderer.upload_path(gpu, pieces)).transpose()?;
-    renderer.resize(gpu, size[0], size[1])?;
     let scene = Scene { path, framing, camera: false, ..Scene::of(mesh) };
-    renderer.render(gpu, &scene, &shot(flight, 0, View::Overview))
+    let drawn = renderer
+        .resize(gpu, size[0], size[1])
+        .and_then(|()| renderer.render(gpu, &scene, &shot(flight, 0, View::Overview)));
+    path.into_iter().for_each(|path| renderer.remove_path(path));
+    drawn
 }
 
 /// Draws the places from inside.

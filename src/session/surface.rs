@@ -8,7 +8,7 @@ use glam::{DVec3, IVec3, Vec3};
 use rayon::prelude::*;
 
 use super::load::InputVolume;
-use super::{Clock, Segmented, Session, SessionError, WallMethod, present};
+use super::{Clock, Segmented, Session, SessionError, SettingError, WallMethod, present};
 use crate::compute::Plan;
 use crate::device::Device;
 use crate::field::Sampler;
@@ -360,6 +360,11 @@ pub fn gradient_normals(
 ) -> Result<Vec<Vec3>, SessionError> {
     let h = volume.grid.spacing_mm;
     let sigma = sigma_mm.unwrap_or(1.5 * h.max_element());
+    let most = 50.0 * h.min_element();
+    if !(sigma > 0.0 && sigma <= most) {
+        let allowed = format!("more than 0 and at most 50 voxels ({most} mm)");
+        return Err(SettingError { name: "sigma", value: format!("{sigma} mm"), allowed }.into());
+    }
     let start = Instant::now();
     let (bricks, values) = super::fields::volume_as_bricks(volume);
     let mut plan = Plan::new();

@@ -110,7 +110,7 @@ fn set_bits(mut w: u64) -> impl Iterator<Item = u32> {
 }
 
 /// Splits a buffer into consecutive parts of the given lengths.
-fn parts<T>(mut rest: &mut [T], lens: impl Iterator<Item = usize>) -> Vec<&mut [T]> {
+pub(super) fn parts<T>(mut rest: &mut [T], lens: impl Iterator<Item = usize>) -> Vec<&mut [T]> {
     lens.map(|n| {
         let (part, tail) = std::mem::take(&mut rest).split_at_mut(n);
         rest = tail;

@@ -1,4 +1,4 @@
-use glam::{DVec3, IVec3, UVec3};
+use glam::{DVec3, IVec3, UVec3, Vec3};
 
 use super::*;
 use crate::lumen::{BitVolume, Lumen};
@@ -156,4 +156,21 @@ fn fairing_steps_reuse_two_buffers_and_leave_the_start_alone() {
         (sum / s.mesh.positions.len() as f64).sqrt().to_degrees()
     };
     assert!(error(out.get(n)) < error(&start) / 2.5, "{} {}", error(out.get(n)), error(&start));
+}
+
+/// Counting all edges of the tip for each of its neighbours took 10¹¹ steps here.
+#[test]
+fn the_tip_of_a_fan_is_adjacent_to_all_its_triangles() {
+    let rim = 300_000u32;
+    let place = |i: u32| {
+        let angle = std::f32::consts::TAU * i as f32 / rim as f32;
+        Vec3::new(angle.cos(), angle.sin(), 0.0)
+    };
+    let positions = (0..rim).map(place).chain([Vec3::Z]).collect();
+    let faces = (0..rim).map(|i| [i, (i + 1) % rim, rim]).collect();
+    let mesh = Mesh { positions, faces, ..Mesh::default() };
+    let (adjacency, watertight) = Adjacency::of(&mesh);
+    assert!(!watertight);
+    assert_eq!(adjacency.row(rim as usize).len(), rim as usize);
+    assert_eq!(adjacency.row(7), [6, 8, rim]);
 }

@@ -3,6 +3,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::extract::parts;
 use crate::compute::{Buf, DeviceCopy, Plan};
 use crate::geometry::{Mesh, in_rows};
 
@@ -62,26 +63,19 @@ impl Adjacency {
         // Directed edges by their first vertex; a closed oriented mesh has each reverse once.
         let edges = |f: &[u32; 3]| [(f[0], f[1]), (f[1], f[2]), (f[2], f[0])];
         let (out_start, mut out) = in_rows(n, || mesh.faces.iter().flat_map(edges));
+        crate::task::checkpoint();
+        let ends = out_start.windows(2).map(|w| (w[1] - w[0]) as usize);
+        let rows = parts(&mut out, ends);
+        rows.into_par_iter().with_min_len(4096).for_each(|r| r.sort_unstable());
         let row = |v: u32| &out[out_start[v as usize] as usize..out_start[v as usize + 1] as usize];
         crate::task::checkpoint();
+        // Sorted rows: a vertex with very many edges, the tip of a fan, is no reason to wait.
         let closed = (0..n as u32).into_par_iter().with_min_len(4096).all(|v| {
-            row(v).iter().all(|&w| {
-                let back = row(w).iter().filter(|&&x| x == v).count();
-                back == 1 && row(v).iter().filter(|&&x| x == w).count() == 1
-            })
+            let is_once = row(v).windows(2).all(|w| w[0] != w[1]);
+            is_once && row(v).iter().all(|w| row(*w).binary_search(&v).is_ok())
         });
         if closed {
             // Neighbours are then exactly the ends of the outgoing edges.
-            crate::task::checkpoint();
-            let mut rows = Vec::with_capacity(n);
-            let mut rest = out.as_mut_slice();
-            for v in 0..n {
-                let len = (out_start[v + 1] - out_start[v]) as usize;
-                let (r, tail) = std::mem::take(&mut rest).split_at_mut(len);
-                rows.push(r);
-                rest = tail;
-            }
-            rows.into_par_iter().with_min_len(4096).for_each(|r| r.sort_unstable());
             return (Self::new(out_start, out), true);
         }
         let both = |(a, b)| [(a, b), (b, a)];

@@ -95,6 +95,7 @@ pub(super) fn cut_bridges(
         }
     }
     // Sheets that were not reached, joined by sides, edges and corners.
+    let mut cut = BitVolume::new(mask.dims());
     for first in inner.voxels().filter_map(at) {
         if label[first] != OUT {
             continue;
@@ -113,9 +114,8 @@ pub(super) fn cut_bridges(
             next += 1;
         }
         if sheet.len() <= max_voxels {
-            let mut cut = BitVolume::new(mask.dims());
             sheet.iter().map(|e| bricks.voxel(*e).as_uvec3()).for_each(|v| cut.set(v.x, v.y, v.z));
-            mask.remove(&cut);
         }
     }
+    mask.remove(&cut);
 }

@@ -25,7 +25,7 @@ const SAMPLES: usize = 8192;
 /// Rounds of growth beyond a core, least and most: how far values about it are read.
 pub(super) const ROUNDS: (f64, f64) = (2.0, 3.0);
 /// Inner and outer distance from the core, mm, of the shell in which the wall's value is measured.
-const SHELL_MM: (f64, f64) = (3.0, 4.0);
+const SHELL_MM: (f64, f64) = (2.0, 4.0);
 
 /// Converts a size in HU of a CT with gas to quantised units of the present contrast.
 pub(super) fn of_hu(hu: f64) -> i32 {
@@ -67,7 +67,7 @@ impl Contrast {
                 Tissue::Colon => Some((TISSUE_HU, 0.0)),
                 _ => {
                     let mut shell = dilated(core, h, shell_mm(h));
-                    shell.remove(&dilated(core, h, SHELL_MM.0.min(0.5 * SHELL_MM.1)));
+                    shell.remove(&dilated(core, h, SHELL_MM.0));
                     let mut shell = values(&spread(&shell));
                     shell.sort_by(f64::total_cmp);
                     let at = |share: f64| {

@@ -670,3 +670,55 @@ fn one_real_slice_reads_alike_in_every_syntax_that_keeps_its_values() {
     assert_eq!((alike, lossy), (9, 4));
     assert_eq!(first.range(), Some((-3024.0, 1378.0)));
 }
+
+#[test]
+fn noise_in_the_orientation_does_not_cut_a_series_in_two() {
+    let dir = tempfile::tempdir().unwrap();
+    let places: Vec<f64> = (0..12).map(|i| 2.0 * f64::from(i)).collect();
+    // Cosines on both sides of a rounded thousandth.
+    let across: f64 = 0.0315;
+    series(dir.path(), &places, |n, s| {
+        let along = if n % 3 == 0 { 0.999_499_9 } else { 0.999_500_1 };
+        s.orientation = [along, across, 0.0, -across, along, 0.0];
+    });
+    assert_eq!(read(dir.path()).unwrap().grid.dims.z, 12);
+}
+
+#[test]
+fn a_repeated_slice_in_a_series_whose_acquisition_differs_by_slice_is_left_out() {
+    let dir = tempfile::tempdir().unwrap();
+    let numbers: Vec<String> = (0..13).map(|n| n.to_string()).collect();
+    let numbers: Vec<&'static str> = numbers.into_iter().map(|n| &*n.leak()).collect();
+    let mut places: Vec<f64> = (0..12).map(|i| 2.0 * f64::from(i)).collect();
+    places.push(6.0);
+    series(dir.path(), &places, |n, s| s.acquisition = numbers[n]);
+    assert_eq!(read(dir.path()).unwrap().grid.dims.z, 12);
+}
+
+#[test]
+fn phases_by_fractions_of_a_trigger_time_are_told_apart() {
+    let dir = tempfile::tempdir().unwrap();
+    for (phase, time) in ["0", "62.5", "125.5"].into_iter().enumerate() {
+        for n in 0..3u16 {
+            let position = [0.0, 0.0, 2.0 * f64::from(n)];
+            let slice = volumes::Slice { position, trigger: time, ..volumes::Slice::default() };
+            let file = dir.path().join(format!("{phase}-{n}.dcm"));
+            std::fs::write(file, dicom_slice(&slice)).unwrap();
+        }
+    }
+    let said = refusal(dir.path());
+    assert!(said.contains("3 volumes of one series"), "{said}");
+}
+
+#[test]
+fn frames_without_places_beside_a_series_are_named_and_stop_no_run() {
+    let dir = tempfile::tempdir().unwrap();
+    series(dir.path(), &[0.0, 2.0, 4.0], |_, _| {});
+    let cine = volumes::Slice { series: "1.2.9", frames: "3", ..volumes::Slice::default() };
+    let cine = volumes::Slice { pixels: vec![7; 36], ..cine };
+    std::fs::write(dir.path().join("cine.dcm"), dicom_slice(&cine)).unwrap();
+    assert_eq!(read(dir.path()).unwrap().grid.dims.z, 3);
+    let notes = inspect(dir.path(), &ReadOptions::default()).unwrap().notes;
+    let said = "1 DICOM files were passed over, the first: 3 frames in a file";
+    assert!(notes.iter().any(|n| n.starts_with(said)), "{notes:?}");
+}

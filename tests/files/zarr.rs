@@ -315,3 +315,22 @@ fn a_chunk_that_is_a_pipe_or_a_link_elsewhere_is_refused() {
     let said = refusal(&array);
     assert!(said.contains("not a plain file") || said.contains("not supported"), "{said}");
 }
+
+#[test]
+fn a_level_in_a_folder_of_its_own_has_the_geometry_of_its_image() {
+    let dir = tempfile::tempdir().unwrap();
+    let datasets = json!([{ "path": "scale0/s0", "coordinateTransformations": [
+        { "type": "scale", "scale": [3, 2, 1] }, { "type": "translation", "translation": [0, 0, 5] }
+    ] }]);
+    let axes = axes("zyx", &json!({ "unit": "millimeter" }));
+    image(&dir.path().join("scale0"), &[2, 3, 4], Value::Null);
+    std::fs::remove_file(dir.path().join("scale0/.zattrs")).unwrap();
+    std::fs::write(dir.path().join("scale0/.zgroup"), "{\"zarr_format\": 2}").unwrap();
+    let attributes = json!({ "multiscales": [{ "axes": axes, "datasets": datasets }] });
+    std::fs::write(dir.path().join(".zattrs"), attributes.to_string()).unwrap();
+    for path in ["", "scale0/s0"] {
+        let grid = read(&dir.path().join(path)).unwrap().grid;
+        assert_eq!(grid.spacing_mm, DVec3::new(1.0, 2.0, 3.0), "{path}");
+        assert_eq!(grid.origin_mm, DVec3::new(5.0, 0.0, 0.0), "{path}");
+    }
+}

@@ -126,3 +126,35 @@ fn ends_by_name_are_the_root_and_the_tips_of_the_tree() {
     let none = of(Some(EndPoint::Tip(99)), None, false).err().unwrap();
     assert!(none.to_string().contains("no branch 99"), "{none}");
 }
+
+/// The straight distance between its ends once decided whether a piece was flown.
+#[test]
+fn a_bent_piece_whose_ends_lie_beside_each_other_is_flown() {
+    let grid = Grid::axis_aligned([72, 72, 40], [1.0; 3]);
+    // A short wide tube, and a ring with a gap, three voxels wide at one end and eight at the other.
+    let ring = |p: DVec3| {
+        (0..=310).any(|degrees| {
+            let at = f64::from(25 + degrees).to_radians();
+            let centre = DVec3::new(24.0 + 16.0 * at.cos(), 44.0 + 16.0 * at.sin(), 20.0);
+            p.distance(centre) <= 3.0 + 5.0 * f64::from(degrees) / 310.0
+        })
+    };
+    let tube = |p: DVec3| {
+        let along = p.z.clamp(12.0, 28.0);
+        p.distance(DVec3::new(58.0, 12.0, along)) <= 10.0
+    };
+    let label = |i| {
+        let p = grid.voxel(i).as_dvec3();
+        u8::from(tube(p) || ring(p))
+    };
+    let volume = Volume::new(grid, (0..grid.len()).map(label).collect::<Vec<u8>>().into());
+    let mut settings = Settings::default();
+    settings.lumen.select = Some(IntensitySelection::Labels(vec![1]));
+    settings.lumen.all_components = true;
+    let source = Source::Image(VolumeSource::Memory(std::sync::Arc::new(volume)));
+    let session = Session::new(source, settings).unwrap();
+    let line = &session.centerline().unwrap().line;
+    assert_eq!(line.branches.len(), 2);
+    let longest = line.branches.iter().map(|b| b.points.last().unwrap().abscissa_mm);
+    assert!(longest.fold(0.0, f64::max) > 70.0);
+}

@@ -369,7 +369,11 @@ fn what_a_dropped_renderer_held_is_retired_at_the_next_submission() {
     let Some(mut gpu) = common::gpu(Validate::Off) else { return };
     let (mut r, scene) = stage(&mut gpu, [1024, 1024], 1);
     r.render(&mut gpu, &scene, &shot(View::Inside, 20.0)).unwrap();
+    let without_glass = gpu.memory_held();
+    r.render(&mut gpu, &scene, &shot(View::Split, 20.0)).unwrap();
     let held = gpu.memory_held();
+    // Glass is 8 bytes a pixel, and there once it was drawn.
+    assert!(without_glass + (8 << 20) <= held, "{without_glass} bytes, then {held}");
     drop(r);
     gpu.submit_draws(&Frame::default()).unwrap();
     let left = gpu.memory_held();

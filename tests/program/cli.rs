@@ -617,3 +617,63 @@ fn surface_takes_its_vertices_from_the_mask_by_both_names_of_the_flag() {
     assert_eq!(read("a.ply"), read("b.ply"));
     assert_ne!(read("b.ply"), read("c.ply"));
 }
+
+#[test]
+fn no_output_takes_the_place_of_an_input() {
+    let dir = tempfile::tempdir().unwrap();
+    phantom(dir.path(), Kind::Tube, 24);
+    let before = std::fs::read(dir.path().join("mask.nrrd")).unwrap();
+    let args = ["run", "--mask", "mask.nrrd", "--out", ".", "--frames", "2", "--size", "64x64"];
+    let out = intima(dir.path(), &args);
+    let said = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(2), "{said}");
+    assert!(said.contains("mask.nrrd: an output of this run would take the place"), "{said}");
+    assert_eq!(std::fs::read(dir.path().join("mask.nrrd")).unwrap(), before);
+    // The core that is written is not the mask that is read.
+    let args = ["record", "--mask", "mask.nrrd", "--core", "mask.nrrd", "--out", "frames"];
+    assert_eq!(intima(dir.path(), &args).status.code(), Some(2));
+    assert_eq!(names(dir.path()), ["ct.nrrd", "mask.nrrd"]);
+}
+
+#[test]
+fn names_of_further_outputs_are_checked_before_anything_is_written() {
+    let dir = tempfile::tempdir().unwrap();
+    phantom(dir.path(), Kind::Tube, 24);
+    for args in [
+        vec!["run", "--mask", "mask.nrrd", "--core", "c.vtk", "--out", "o"],
+        vec!["segment", "--mask", "mask.nrrd", "--core", "c.vtk", "-o", "s.nrrd"],
+        vec!["centerline", "--mask", "mask.nrrd", "--core", "no/c.nrrd", "-o", "l.csv"],
+        vec!["hessian", "ct.nrrd", "--of", "grey", "--core", "c.nrrd", "-o", "h.nrrd"],
+        vec!["surface", "--mask", "mask.nrrd", "--mode", "paper", "--refine", "2", "-o", "s.ply"],
+    ] {
+        let out = intima(dir.path(), &args);
+        assert_eq!(out.status.code(), Some(2), "{args:?}");
+        assert_eq!(names(dir.path()), ["ct.nrrd", "mask.nrrd"], "{args:?}");
+    }
+    let args = ["surface", "--mask", "mask.nrrd", "-o", "w.ply"];
+    works(dir.path(), &args);
+    let out =
+        intima(dir.path(), &["fair", "w.ply", "--mask", "mask.nrrd", "--sigma=-1", "-o", "f.ply"]);
+    let said = String::from_utf8_lossy(&out.stderr);
+    assert!(out.status.code() == Some(2) && said.contains("sigma"), "{said}");
+}
+
+/// `… | head -1` lost the files that were written after the first line.
+#[test]
+#[cfg(unix)]
+fn a_closed_pipe_costs_lines_and_no_files() {
+    let dir = tempfile::tempdir().unwrap();
+    phantom(dir.path(), Kind::Y, 32);
+    let args = ["centerline", "--mask", "mask.nrrd", "--core", "c.nrrd", "--graph", "g.json"];
+    let mut child = Command::new(env!("CARGO_BIN_EXE_intima"))
+        .args(args)
+        .args(["--unseen", "u.csv", "-o", "l.csv"])
+        .current_dir(dir.path())
+        .stdout(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+    let all = ["c.nrrd", "ct.nrrd", "g.json", "l.csv", "mask.nrrd", "u.csv"];
+    assert_eq!(names(dir.path()), all);
+}

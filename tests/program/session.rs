@@ -13,8 +13,9 @@ use intima::lumen::IntensitySelection;
 use intima::organ::Organ;
 use intima::render::View;
 use intima::session::{
-    Antialiasing, CenterlineReport, FlightRoute, LevelSettings, Lod, LumenSettings, Mode, Product,
-    Session, SessionError, Settings, Source, VolumeSource, WallForm, WallMethod,
+    Antialiasing, CenterlineReport, CenterlineSettings, EndPoint, FlightRoute, LevelSettings, Lod,
+    LumenSettings, Mode, Product, Recording, Session, SessionError, Settings, Source, VolumeSource,
+    WallForm, WallMethod,
 };
 use intima::surface::{Fairing, Smoothing};
 use intima::volume::phantom::{Kind, Phantom};
@@ -492,4 +493,18 @@ fn thin_branches_do_not_collapse_with_the_base_of_a_subdivision() {
     let report = &session.levels().unwrap().report;
     // 15 mm where the base may lose branches.
     assert!(report.finest_error_mm.unwrap() < 2.0, "{report:?}");
+}
+
+#[test]
+fn a_graph_with_an_end_by_name_is_there_after_the_fields_were_let_go() {
+    let centerline = CenterlineSettings { from: Some(EndPoint::Root), ..Default::default() };
+    let mut settings = Settings { centerline, ..Settings::default() };
+    settings.flight.frames = Frames::Count(2);
+    settings.flight.size = [64, 48];
+    let session = session(&phantom(Kind::Y, 48), settings);
+    let dir = tempfile::tempdir().unwrap();
+    let frames = dir.path().join("frames");
+    let recording = Recording { frames, release_products: true, ..Recording::default() };
+    session.run_to_folder(dir.path(), &recording).unwrap();
+    assert_eq!(session.graph().unwrap().tree().branches, 3);
 }

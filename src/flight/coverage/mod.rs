@@ -84,9 +84,10 @@ pub fn coverage(
     let path = if forward.is_empty() { backward } else { forward };
     let eyes: Vec<(Vec3, f64)> =
         path.iter().map(|(pose, _)| pose.position_mm).zip(arcs_mm.iter().copied()).collect();
-    let (mut patches, patch_of_face) = patches::missed_patches(wall, areas, missed, &eyes);
+    let (mut patches, patch_of_face) = patches::missed_patches(wall, areas, missed);
     let listed = patches.partition_point(|p| p.area_mm2 >= LISTED_FROM_MM2);
     let smaller = patches.split_off(listed);
+    patches.iter_mut().for_each(|p| p.arc_mm = patches::arc_at(&eyes, p.center_mm));
     Coverage {
         one_way_fraction,
         both_ways_fraction,

@@ -19,17 +19,14 @@ pub struct MissedPatch {
     pub faces: usize,
 }
 
-/// Returns all missed patches, largest first, and the number, from 1, of the patch that each face
-/// belongs to.
-///
-/// * `eyes`: positions of the eye, LPS mm, in the order flown, each with the length of the path up to it.
+/// Returns all missed patches, largest first, without their place on the path, and the number, from 1,
+/// of the patch that each face belongs to.
 ///
 /// Equally large patches stand in the order of their first faces.
 pub(super) fn missed_patches(
     wall: &Mesh,
     areas: &[f32],
     missed: impl Fn(usize) -> bool,
-    eyes: &[(Vec3, f64)],
 ) -> (Vec<MissedPatch>, Vec<Option<NonZeroU32>>) {
     let faces: Vec<u32> = (0..wall.faces.len()).filter(|f| missed(*f)).map(|f| f as u32).collect();
     let first_of = components(wall, &faces);
@@ -40,7 +37,7 @@ pub(super) fn missed_patches(
         .chunk_by(|a, b| first_of[*a] == first_of[*b])
         .map(|part| {
             let ids: Vec<u32> = part.iter().map(|i| faces[*i]).collect();
-            (patch(wall, areas, &ids, eyes), ids)
+            (patch(wall, areas, &ids), ids)
         })
         .collect();
     found.sort_by(|a, b| b.0.area_mm2.total_cmp(&a.0.area_mm2));
@@ -51,7 +48,7 @@ pub(super) fn missed_patches(
     (found.into_iter().map(|f| f.0).collect(), patch_of_face)
 }
 
-fn patch(wall: &Mesh, areas: &[f32], faces: &[u32], eyes: &[(Vec3, f64)]) -> MissedPatch {
+fn patch(wall: &Mesh, areas: &[f32], faces: &[u32]) -> MissedPatch {
     let mut area_mm2 = 0.0;
     let mut moment = DVec3::ZERO;
     for f in faces {
@@ -61,11 +58,13 @@ fn patch(wall: &Mesh, areas: &[f32], faces: &[u32], eyes: &[(Vec3, f64)]) -> Mis
         moment += area / 3.0 * corners.iter().sum::<DVec3>();
     }
     let center_mm = moment / area_mm2;
-    MissedPatch { area_mm2, center_mm, arc_mm: arc_at(eyes, center_mm), faces: faces.len() }
+    MissedPatch { area_mm2, center_mm, arc_mm: 0.0, faces: faces.len() }
 }
 
 /// Returns the length of the path up to the eye nearest to a place, mm; the first of equally near ones.
-fn arc_at(eyes: &[(Vec3, f64)], place: DVec3) -> f64 {
+///
+/// * `eyes`: positions of the eye, LPS mm, in the order flown, each with the length of the path up to it.
+pub(super) fn arc_at(eyes: &[(Vec3, f64)], place: DVec3) -> f64 {
     let near = |eye: &(Vec3, f64)| eye.0.as_dvec3().distance_squared(place);
     eyes.iter().min_by(|a, b| near(a).total_cmp(&near(b))).map_or(0.0, |eye| eye.1)
 }

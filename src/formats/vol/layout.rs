@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use super::FormatError;
 use super::info::SegmentInfo;
 use super::source::{DataFile, fill};
+use crate::task::checkpoint;
 use crate::volume::{
     Grid, Rescale, Sample, SampleBuffer, SampleType, Samples, Volume, with_samples,
 };
@@ -163,6 +164,7 @@ impl Layout {
         let parts = samples.bytes_mut().par_chunks_mut(RAW_PART).enumerate();
         let found: Vec<(usize, usize)> = parts
             .map(|(i, part)| {
+                checkpoint();
                 let at = start + (i * RAW_PART) as u64;
                 let found = fill(&mut ReadAt { source: &source, at }, part)?;
                 Ok((found, part.len()))
@@ -241,6 +243,7 @@ fn fill_growing<T: Sample>(
     while samples.len() < len {
         samples.try_reserve_exact(room - samples.len()).map_err(no_room)?;
         while samples.len() < room {
+            checkpoint();
             let from = samples.len();
             samples.resize(room.min(from + STEP_BYTES / size), T::zeroed());
             let step = bytemuck::cast_slice_mut(&mut samples[from..]);

@@ -113,6 +113,11 @@ pub fn inspect(path: &Path, options: &ReadOptions) -> Result<InputInfo, FormatEr
     }
 }
 
+/// Whether the names of an input's files say where their samples lie: chunks of a Zarr array.
+pub fn names_are_places(path: &Path) -> bool {
+    path.is_dir() && zarr::is_zarr(path)
+}
+
 /// Every file that reading an input may look at, in the order of their paths: those of a DICOM
 /// folder, metadata and chunks of a Zarr array, a file alone, or a header and the file of its samples.
 ///

@@ -82,6 +82,12 @@ impl FaceGrid {
         (n + 1) * (n + 2) / 2
     }
 
+    /// Returns the points at the corners of a template's triangles.
+    pub fn indices_of(&self, level: u32, sides: [u32; 3]) -> &[u32] {
+        let t = self.template(level, sides);
+        &self.indices[t.first as usize..][..3 * t.triangles as usize]
+    }
+
     /// Returns the template of a level inside, from 1, and levels of the sides, which are at most as
     /// fine.
     pub fn template(&self, level: u32, sides: [u32; 3]) -> FaceTemplate {
@@ -240,8 +246,7 @@ mod tests {
             for code in 0..(level + 1).pow(3) {
                 let n = level + 1;
                 let sides = [code % n, code / n % n, code / (n * n)];
-                let t = grid.template(level, sides);
-                let own = &grid.indices[t.first as usize..][..3 * t.triangles as usize];
+                let own = grid.indices_of(level, sides);
                 let faces: Vec<[FaceCoordinates; 3]> = own
                     .chunks_exact(3)
                     .map(|t| [t[0], t[1], t[2]].map(|i| grid.points[i as usize].at))

@@ -9,7 +9,7 @@
 //! * A new vertex on an edge depends on the ends of the edge alone, and the fineness of an edge on the
 //!   edge and the camera. Faces at an edge agree in every bit, so no crack opens.
 //! * The vertices of a refined face stay in a slot of a buffer on the device ([`RefinedSlots`]).
-//!   Another fineness is another index template and another word in the draw command.
+//!   Another fineness is another index template and another word of the slot.
 //!
 //! Normals of new vertices are those of the mesh, interpolated: light does not change with the
 //! fineness, positions alone do.

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use glam::{DVec3, Vec3};
 
 use super::grid::FaceGrid;
-use super::wall::{MAX_DEPARTURE, RefinedWall};
+use super::wall::{MAX_DEPARTURE, MAX_LAST_BULGE, RefinedWall};
 use crate::geometry::point_triangle_distance;
 
 /// Splits by which a face is measured.
@@ -43,7 +43,7 @@ impl RefinedWall {
     ///
     /// The bound: between two levels, a point of the face moves by at most the distance of the new
     /// vertices from the middles of their edges. We measure this distance for three levels, and take
-    /// the third level's distance for the fourth level too.
+    /// the largest that it may be for the fourth.
     pub fn distance(&self, p: DVec3, limit_mm: f64) -> RefinedDistance {
         let mut best = RefinedDistance { nominal_mm: limit_mm, proven_mm: limit_mm };
         let nodes = self.octree.nodes();
@@ -83,8 +83,7 @@ impl RefinedWall {
         }
         let near = self.near_face(face);
         let grid = FaceGrid::get();
-        let template = grid.template(LEVEL, [LEVEL; 3]);
-        let indices = &grid.indices[template.first as usize..][..3 * template.triangles as usize];
+        let indices = grid.indices_of(LEVEL, [LEVEL; 3]);
         let at = |i: &u32| near.points[*i as usize].as_dvec3();
         let distances = indices
             .chunks_exact(3)
@@ -106,7 +105,8 @@ impl RefinedWall {
             let bulge = vertex.own.position().distance(vertex.on_edge.position());
             bulges[point.born as usize] = bulge.max(bulges[point.born as usize]);
         }
-        let departure_mm = bulges.iter().sum::<f32>() + bulges[LEVEL as usize + 1];
+        let departure_mm =
+            bulges.iter().sum::<f32>() + MAX_LAST_BULGE * self.longest_edge_mm(face as usize);
         let points = std::array::from_fn(|i| vertices[i].own.position());
         let near = Arc::new(NearFace { points, departure_mm });
         let mut all = locked();

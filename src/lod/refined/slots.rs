@@ -1,11 +1,11 @@
 //! Which refined faces have their vertices on the device, and where.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 use std::hash::BuildHasherDefault;
 
 use super::grid::{FaceGrid, MAX_LEVEL};
 use super::wall::{RefinedFace, RefinedWall};
-use crate::lod::morph::PatchVertex;
+use crate::lod::morph::{MORPH_STEPS, PatchVertex};
 use crate::lod::slot_cache::KeyHasher;
 use crate::lod::{SlotCache, VisibleWall};
 
@@ -52,8 +52,20 @@ struct WantedFace {
     face: u32,
     /// The finest level that a camera needs.
     level: u32,
-    /// Level and slot of its vertices; `None` while it waits for them.
+    /// Level and slot of its vertices; `None` while there are none.
     place: Option<SlotPlace>,
+}
+
+impl WantedFace {
+    /// The finest level that it can be drawn at.
+    fn drawn_level(&self) -> u32 {
+        self.place.map_or(0, |place| place.level.min(self.level))
+    }
+
+    /// Whether it is drawn coarser than a camera needs.
+    fn waits(&self) -> bool {
+        self.drawn_level() < self.level
+    }
 }
 
 /// A slot of a level.
@@ -85,9 +97,9 @@ fn first_slot(level: u32) -> u32 {
 /// Slots of one buffer on the device that hold the vertices of refined faces. The faces that were not
 /// drawn for the longest time give way.
 ///
-/// A frame draws at most as many faces of a level as the level has slots. All other faces stay flat,
-/// also faces that wait for their vertices. A neighbour of a flat face is flat along the common edge,
-/// so that no crack opens.
+/// A frame draws at most as many faces of a level as the level has slots. A face without a slot of its
+/// level, or that waits for its vertices, is as fine as its vertices of a coarser level allow, or flat.
+/// Its neighbours are no finer along the common edge, so that no crack opens.
 #[derive(Debug)]
 pub struct RefinedSlots {
     /// By level, from 1.
@@ -103,8 +115,7 @@ impl Default for RefinedSlots {
 impl RefinedSlots {
     /// Creates slots without content.
     pub fn new() -> Self {
-        // Copies wait for the frames before: a slot can be written as soon as it is not drawn.
-        Self { caches: SLOTS.map(|slots| SlotCache::new(slots, 0)) }
+        Self { caches: SLOTS.map(SlotCache::new) }
     }
 
     /// Returns the bytes of the buffer.
@@ -149,19 +160,27 @@ impl RefinedSlots {
         // 2. Slots, for the finest first: a coarser face may stay in the slot of a finer one.
         self.caches.iter_mut().for_each(|cache| cache.begin_step(made));
         let mut new: Vec<WantedFace> = Vec::new();
+        let mut allocate = |caches: &mut [SlotCache], wanted: &mut WantedFace, level: u32| {
+            let slot = caches[level as usize - 1].allocate(wanted.face)?;
+            wanted.place = Some(SlotPlace { level, slot });
+            new.push(*wanted);
+            Some(())
+        };
         for level in (1..=MAX_LEVEL).rev() {
-            let of_level = || (0..wanted.len()).filter(|i| wanted[*i].level == level);
-            let fitting: Vec<usize> = of_level().take(SLOTS[level as usize - 1] as usize).collect();
-            for i in &fitting {
-                wanted[*i].place = self.touched(wanted[*i].face, level);
+            for w in wanted.iter_mut().filter(|w| w.level == level) {
+                w.place = self.touched(w.face, level);
             }
-            for i in fitting.into_iter().filter(|i| wanted[*i].place.is_none()).collect::<Vec<_>>()
-            {
-                let cache = &mut self.caches[level as usize - 1];
-                if let Ok(slot) = cache.allocate(u64::from(wanted[i].face)) {
-                    wanted[i].place = Some(SlotPlace { level, slot });
-                    new.push(wanted[i]);
-                }
+            for w in wanted.iter_mut().filter(|w| w.level == level && w.place.is_none()) {
+                allocate(&mut self.caches, w, level);
+            }
+        }
+        // The rest as fine as coarser levels have it or, if no frame comes later, have room for it.
+        for w in wanted.iter_mut().filter(|w| w.place.is_none()) {
+            let coarser = (1..w.level).rev();
+            let there = coarser.clone().find_map(|level| self.touched_at(w.face, level));
+            w.place = there;
+            if made == u32::MAX && there.is_none() {
+                let _ = coarser.into_iter().find_map(|l| allocate(&mut self.caches, w, l));
             }
         }
 
@@ -175,11 +194,17 @@ impl RefinedSlots {
         let writes = new.iter().map(make).collect();
 
         // 4. Draws.
-        let waiting = || wanted.iter().filter(|w| w.place.is_none());
-        let flat_edges: HashSet<[u32; 2]> = waiting().flat_map(|w| edges(wall, w.face)).collect();
+        let waiting = || wanted.iter().filter(|w| w.waits());
+        let mut limits = EdgeLimits::new();
+        for w in waiting() {
+            for edge in edges(wall, w.face) {
+                let limit = limits.entry(edge).or_insert(u32::MAX);
+                *limit = (MORPH_STEPS * w.drawn_level()).min(*limit);
+            }
+        }
         let of_camera = |(seen, numbers): (&&VisibleWall, &Vec<u32>)| {
             let places = numbers.iter().map(|i| wanted[*i as usize].place);
-            drawn(wall, seen, places, &flat_edges)
+            drawn(wall, seen, places, &limits)
         };
         let drawn = seen.iter().zip(&by_camera).map(of_camera).collect();
         (drawn, writes, waiting().count())
@@ -187,12 +212,17 @@ impl RefinedSlots {
 
     /// Marks a face as drawn that is there at this level or a finer one; returns its place.
     fn touched(&mut self, face: u32, level: u32) -> Option<SlotPlace> {
-        (level..=MAX_LEVEL).find_map(|level| {
-            let slot = self.caches[level as usize - 1].touch(u64::from(face))?;
-            Some(SlotPlace { level, slot })
-        })
+        (level..=MAX_LEVEL).find_map(|level| self.touched_at(face, level))
+    }
+
+    fn touched_at(&mut self, face: u32, level: u32) -> Option<SlotPlace> {
+        let slot = self.caches[level as usize - 1].touch(face)?;
+        Some(SlotPlace { level, slot })
     }
 }
+
+/// Largest fineness of the edges of faces that wait.
+type EdgeLimits = HashMap<[u32; 2], u32>;
 
 /// Edges of a face, each with the lower vertex first.
 fn edges(wall: &RefinedWall, face: u32) -> [[u32; 2]; 3] {
@@ -206,12 +236,12 @@ fn edges(wall: &RefinedWall, face: u32) -> [[u32; 2]; 3] {
 /// What a camera draws.
 ///
 /// * `places`: of each face that it refines, if its vertices are there.
-/// * `flat_edges`: edges of the faces that wait.
+/// * `limits`: of the edges of the faces that wait.
 fn drawn(
     wall: &RefinedWall,
     seen: &VisibleWall,
     places: impl Iterator<Item = Option<SlotPlace>>,
-    flat_edges: &HashSet<[u32; 2]>,
+    limits: &EdgeLimits,
 ) -> PlacedFaces {
     let grid = FaceGrid::get();
     let mut all = PlacedFaces {
@@ -219,13 +249,13 @@ fn drawn(
         ..PlacedFaces::default()
     };
     for (wanted, place) in seen.refined.iter().zip(places) {
-        let refined = if flat_edges.is_empty() {
+        let refined = if limits.is_empty() {
             Some(*wanted)
         } else {
             let own = edges(wall, wanted.face);
             let mut sides = wanted.sides();
             for (side, edge) in sides.iter_mut().zip(&own) {
-                *side = if flat_edges.contains(edge) { 0 } else { *side };
+                *side = limits.get(edge).map_or(*side, |limit| *limit.min(side));
             }
             RefinedFace::of_sides(wanted.face, sides)
         };
@@ -233,10 +263,9 @@ fn drawn(
             all.flat.add_faces(wanted.face..wanted.face + 1);
             continue;
         };
-        let template = grid.template(refined.level(), refined.side_levels());
-        let corners = template.first as usize..(template.first + 3 * template.triangles) as usize;
+        let corners = grid.indices_of(refined.level(), refined.side_levels());
         let first = place.first_vertex();
-        all.indices.extend(grid.indices[corners].iter().map(|i| first + i));
+        all.indices.extend(corners.iter().map(|i| first + i));
         let fineness = &mut all.fineness[place.level as usize - 1];
         if fineness.len() <= place.slot as usize {
             fineness.resize(place.slot as usize + 1, 0);

@@ -288,3 +288,23 @@ fn proven_distances_are_not_more_than_those_to_any_drawn_point() {
     let far = wall.distance(glam::DVec3::splat(500.0), 3.0);
     assert_eq!((far.nominal_mm, far.proven_mm), (3.0, 3.0));
 }
+
+#[test]
+fn a_face_that_waits_for_a_finer_level_stays_as_fine_as_it_was() {
+    let (_, wall) = wall(0.5);
+    let near = cameras().nth(20).unwrap();
+    let far = Camera { height_px: near.height_px / 6, ..near };
+    let mut slots = RefinedSlots::new();
+    let mut buffer = SlotBuffer::default();
+    let seen = wall.visible(&far);
+    let (placed, writes, _) = slots.place(&wall, &[&seen], u32::MAX);
+    buffer.write(&writes);
+    let coarse = placed[0].indices.len();
+    // Nothing new is made for the finer picture.
+    let seen = wall.visible(&near);
+    let (placed, writes, waiting) = slots.place(&wall, &[&seen], 0);
+    assert!(waiting > 0 && writes.is_empty());
+    let all = buffer.triangles(&placed[0], &wall);
+    assert!(placed[0].indices.len() >= coarse, "{} {coarse}", placed[0].indices.len());
+    assert_no_crack(&all, &near);
+}

@@ -13,8 +13,7 @@ use crate::geometry::{Camera, Cone, Mesh, Sphere, Vertex};
 use crate::lod::morph::{MORPH_STEPS, PatchVertex};
 use crate::lod::octree::{Item, OctreeNode};
 use crate::lod::{
-    DrawnRange, DrawnWall, ExteriorGrid, FaceOctree, OcclusionTest, Tolerance, ViewFrustum,
-    VisibleWall,
+    DrawnWall, ExteriorGrid, FaceOctree, OcclusionTest, Tolerance, ViewFrustum, VisibleWall,
 };
 use crate::surface::Shading;
 use crate::wall::WallSpline;
@@ -25,6 +24,9 @@ const MAX_BULGE: f32 = 0.4;
 /// Largest distance of a point of a refined face from the face, lengths of its longest edge. Edges of
 /// the levels are at most 1, 0.9, 0.63 and 0.38 as long: 0.4 + 0.2 · 0.9 + 0.1 · 0.63 + 0.05 · 0.38.
 pub(super) const MAX_DEPARTURE: f32 = 0.67;
+/// Largest distance of a new vertex of the last level from the edge that it splits, lengths of the
+/// longest edge of the face: 0.05 · 0.38, as above.
+pub(super) const MAX_LAST_BULGE: f32 = 0.019;
 /// Largest sag of an edge, lengths of the edge: in its middle, or by its normals.
 const MAX_SAG: f32 = MAX_BULGE;
 /// Sine of the angle by which the normals of a refined face may differ from those of the face and of
@@ -387,8 +389,7 @@ impl RefinedWall {
     /// * `caps`: of the mesh that `self` was made of, whether each face is a cap, or nothing.
     pub fn mesh(&self, level: u32, caps: &[bool]) -> Mesh {
         let grid = FaceGrid::get();
-        let template = grid.template(level, [level; 3]);
-        let indices = &grid.indices[template.first as usize..][..3 * template.triangles as usize];
+        let indices = grid.indices_of(level, [level; 3]);
         let mut mesh = Mesh::default();
         // Points on edges by the ends of the edge, the lower first, and steps from there.
         let mut shared: HashMap<[u32; 3], u32> = HashMap::new();
@@ -418,8 +419,7 @@ impl RefinedWall {
     pub fn triangles(&self, refined: RefinedFace) -> Vec<[Vertex; 3]> {
         let grid = FaceGrid::get();
         let own = self.patch(refined.face, refined.level());
-        let t = grid.template(refined.level(), refined.side_levels());
-        let indices = &grid.indices[t.first as usize..][..3 * t.triangles as usize];
+        let indices = grid.indices_of(refined.level(), refined.side_levels());
         let at = |i: &u32| own[*i as usize].morphed(refined.fineness);
         indices.chunks_exact(3).map(|t| [at(&t[0]), at(&t[1]), at(&t[2])]).collect()
     }
@@ -484,21 +484,5 @@ impl DrawnWall for RefinedWall {
 
     fn shows_backs(&self) -> bool {
         self.closed.is_none()
-    }
-}
-
-impl VisibleWall {
-    /// Adds faces of a mesh, in the order in which their indices lie.
-    pub(super) fn add_faces(&mut self, faces: std::ops::Range<u32>) {
-        let (first, count) = (3 * faces.start, 3 * (faces.end - faces.start));
-        match self.ranges.last_mut() {
-            Some(last) if last.first_index + last.indices == first => last.indices += count,
-            _ => self.ranges.push(DrawnRange {
-                first_index: first,
-                indices: count,
-                first_vertex: 0,
-                morph: 0,
-            }),
-        }
     }
 }

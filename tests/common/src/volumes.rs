@@ -98,6 +98,8 @@ pub struct Slice {
     pub frames: &'static str,
     /// Acquisition number; left out where it is empty.
     pub acquisition: &'static str,
+    /// Trigger time; left out where it is empty.
+    pub trigger: &'static str,
     /// Padding value and its limit, where there are any.
     pub padding: Vec<i16>,
     pub burned_in: &'static str,
@@ -129,6 +131,7 @@ impl Default for Slice {
             photometric: "MONOCHROME2",
             frames: "1",
             acquisition: "",
+            trigger: "",
             padding: Vec::new(),
             burned_in: "",
             recognizable: "",
@@ -206,6 +209,9 @@ pub fn dicom_slice(s: &Slice) -> Vec<u8> {
         ((0x0018, 0x1030), "LO"), // protocol
     ] {
         text(tag, vr, s.canary);
+    }
+    if !s.trigger.is_empty() {
+        text((0x0018, 0x1060), "DS", s.trigger);
     }
     if !s.kernel.is_empty() {
         text((0x0018, 0x1210), "SH", s.kernel);

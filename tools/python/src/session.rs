@@ -158,13 +158,14 @@ impl Session {
         let (classes, grid, report, notes) = self.run(py, |s| {
             let found = s.lumen()?;
             let organ = OrganReport::of(&found);
+            let classes = s.install(|| found.lumen.classes());
             let report = serde_json::json!({
                 "lumen": LumenReport::of(&found),
                 "wall": WallReport::of(&found),
                 "organ": organ,
             });
             Ok((
-                found.lumen.classes(),
+                classes,
                 found.lumen.stored_grid(),
                 to_text(&report)?,
                 found.notes.clone(),
@@ -182,7 +183,7 @@ impl Session {
         let (field, grid) = self.run(py, |s| {
             let (segmented, distance) = (s.lumen()?, s.distance()?);
             let lumen = &segmented.lumen;
-            Ok((lumen.dense(&distance, 0.0f32), lumen.stored_grid()))
+            Ok((s.install(|| lumen.dense(&distance, 0.0f32)), lumen.stored_grid()))
         })?;
         array::dense(py, field, &grid)
     }
@@ -297,6 +298,10 @@ impl Session {
             ..Recording::default()
         };
         self.run(py, |s| {
+            // Before files of an earlier run are removed.
+            if let Some((video, fps)) = &recording.video {
+                VideoWriter::check(video, *fps)?;
+            }
             let RunOutcome { report, pictures, stream: _stream } =
                 s.run_to_folder(&folder, &recording)?;
             let (of_report, pictures) = (Some(&report), pictures.as_ref());

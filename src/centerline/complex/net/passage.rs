@@ -3,12 +3,13 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use glam::{DVec3, IVec3};
+use glam::{DVec3, IVec3, USizeVec3};
 
 use super::prune::WINDOW;
 use super::{Arc, Net};
 use crate::centerline::complex::Contact;
 use crate::lumen::bricks::near_offset;
+use crate::task::checkpoint;
 
 /// Length about a hole in a thin plate along which the lumen is narrower than twice the hole, in
 /// distances to the hole's rim.
@@ -16,7 +17,7 @@ const PLATE: f64 = 3.5;
 
 impl Net<'_> {
     pub(super) fn passage_of(&self, i: usize) -> f64 {
-        crate::task::checkpoint();
+        checkpoint();
         let Some(arc) = &self.arcs[i] else { return 0.0 };
         let (_, throat, place) = self.throat(&arc.contacts);
         self.passage_mm(arc, place, self.contact_mm(throat))
@@ -102,14 +103,16 @@ impl Net<'_> {
         let (mut low, mut size) = (start - reach, 2 * reach + 1);
         size[axis] = reach[axis] + 1;
         low[axis] += if high { reach[axis] } else { 0 };
+        let sides = size.as_usizevec3();
+        let strides = USizeVec3::new(1, sides.x, sides.x * sides.y);
         let index = |v: IVec3| {
             let p = v - low;
             (p.cmpge(IVec3::ZERO).all() && p.cmplt(size).all())
-                .then(|| (p.x + size.x * (p.y + size.y * p.z)) as usize)
+                .then(|| p.as_usizevec3().dot(strides))
         };
         let voxel = |i: usize| {
-            let i = i as i32;
-            low + IVec3::new(i % size.x, i / size.x % size.y, i / (size.x * size.y))
+            let at = [i % strides.y, i % strides.z / strides.y, i / strides.z];
+            low + IVec3::from(at.map(|along| along as i32))
         };
         // Lengths in whole units, so that their order is total.
         let units = |way: IVec3| (way.as_dvec3() * h / self.adjacency.unit_mm).length().round();
@@ -118,9 +121,14 @@ impl Net<'_> {
             .map(near_offset)
             .map(|step| (step, units(step) as u32))
             .collect();
-        let mut done = vec![false; size.as_usizevec3().element_product()];
+        let mut done = vec![false; sides.element_product()];
         let mut open = BinaryHeap::from([Reverse((0u32, index(start)?))]);
+        let mut visits = 0u32;
         while let Some(Reverse((length, at))) = open.pop() {
+            visits += 1;
+            if visits.is_multiple_of(1 << 16) {
+                checkpoint();
+            }
             let v = voxel(at);
             let length_mm = f64::from(length) * self.adjacency.unit_mm;
             if length_mm >= longest_mm {

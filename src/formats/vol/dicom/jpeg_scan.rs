@@ -119,12 +119,13 @@ fn read_tables(mut body: &[u8], tables: &mut [[Table; 4]; 2]) -> Option<()> {
         for (length, count) in (1u8..).zip(counts) {
             let (values, behind) = rest.split_at_checked(usize::from(*count))?;
             rest = behind;
+            let codes = usize::from(*count) << (16 - length);
+            if table.len() + codes > 1 << 16 {
+                return None;
+            }
             for value in values {
                 table.resize(table.len() + (1 << (16 - length)), (length, *value));
             }
-        }
-        if table.len() > 1 << 16 {
-            return None;
         }
         table.resize(1 << 16, (0, 0));
         body = rest;
@@ -204,5 +205,18 @@ impl Bits<'_> {
             }
         }
         Some(())
+    }
+}
+
+#[cfg(test)]
+mod table_tests {
+    use super::*;
+
+    #[test]
+    fn a_table_of_more_codes_than_there_are_takes_no_memory() {
+        let mut tables: [[Table; 4]; 2] = Default::default();
+        let body: Vec<u8> = [0].into_iter().chain([255; 16]).chain(vec![7; 16 * 255]).collect();
+        assert_eq!(read_tables(&body, &mut tables), None);
+        assert!(tables[0][0].capacity() <= 1 << 17, "{}", tables[0][0].capacity());
     }
 }

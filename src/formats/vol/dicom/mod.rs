@@ -219,7 +219,7 @@ fn find(path: &Path) -> Result<Found, FormatError> {
     let files = if folder { files_in(path)? } else { vec![path.to_owned()] };
     let heads: Vec<_> = files.par_iter().map(|f| head::read(f)).collect();
     let (mut other, mut without_pixels, mut localizers) = (0, 0, 0);
-    let mut damaged = None;
+    let (mut damaged, mut unsupported) = (None, Vec::new());
     let mut series = BTreeMap::<(Arc<str>, bool), Vec<Head>>::new();
     for result in heads {
         match result {
@@ -249,6 +249,8 @@ fn find(path: &Path) -> Result<Found, FormatError> {
                 let why = "a DICOM file holds `DICM` at byte 128";
                 return Err(FormatError::field(path, "magic", "absent", why));
             }
+            // A dose or a film of another modality beside the series that is wanted.
+            Err(e @ FormatError::Unsupported { .. }) if folder => unsupported.push(e),
             Err(e) => {
                 damaged.get_or_insert(e);
             }
@@ -259,6 +261,9 @@ fn find(path: &Path) -> Result<Found, FormatError> {
         return Err(e);
     }
     if series.is_empty() {
+        if !unsupported.is_empty() {
+            return Err(unsupported.swap_remove(0));
+        }
         let what = format!("a folder without DICOM images ({} files)", files.len());
         return Err(FormatError::unsupported(path, what));
     }
@@ -268,6 +273,10 @@ fn find(path: &Path) -> Result<Found, FormatError> {
     }
     if without_pixels > 0 {
         notes.push(format!("{without_pixels} DICOM files without pixels were passed over"));
+    }
+    if let Some(FormatError::Unsupported { what, .. }) = unsupported.first() {
+        let n = unsupported.len();
+        notes.push(format!("{n} DICOM files were passed over, the first: {what}"));
     }
     if localizers > 0 {
         notes.push(format!("{localizers} localizers were passed over"));

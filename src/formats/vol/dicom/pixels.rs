@@ -15,6 +15,7 @@ use super::head::Head;
 use super::stack::{Slice, Stack};
 use super::syntax::{self, Codec};
 use super::walk::{Pixels, inflate};
+use crate::task::checkpoint;
 use crate::volume::{Sample, SampleType, Samples, Volume, with_samples};
 
 /// Place of a slice's pixels.
@@ -210,9 +211,10 @@ pub(super) fn read(path: &Path, stack: &Stack) -> Result<Volume, FormatError> {
     }
     let mut deflated: Vec<_> = deflated.into_iter().collect();
     deflated.par_iter_mut().try_for_each(|(file, frames)| read_deflated(file, frames))?;
-    others
-        .into_par_iter()
-        .try_for_each(|(bytes, slice)| read_slice(bytes, slice, stack.stored.kind, side))?;
+    others.into_par_iter().try_for_each(|(bytes, slice)| {
+        checkpoint();
+        read_slice(bytes, slice, stack.stored.kind, side)
+    })?;
     stack.stored.tidy(&mut samples);
     if let Some(upright) = &stack.upright {
         // The room of the box was not asked for yet.

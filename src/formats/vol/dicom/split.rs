@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use glam::DVec3;
 
 use super::head::Head;
-use super::stack::MAX_UNEVEN;
+use super::stack::{MAX_TURNED, MAX_UNEVEN};
 
 /// Elements that number the stacks of a series, in the order in which they are asked: acquisition,
 /// echo, time, trigger.
@@ -14,15 +14,19 @@ const NUMBERS: [(u16, u16); 4] =
     [(0x0020, 0x0012), (0x0018, 0x0086), (0x0020, 0x0100), (0x0018, 0x1060)];
 /// Slices nearer to each other than this share a place, mm.
 const SAME_MM: f64 = 1e-3;
+/// The largest part by a number has at least one in so many of the places.
+const MIN_SHARE: usize = 8;
 
 /// The stacks of a series, in the order of their first slices.
 pub(super) fn stacks(heads: Vec<Head>) -> Vec<Vec<Head>> {
-    let mut parts = split(heads, |h| {
-        let way = way(h).map(|v| v.map(|x| (x * 1000.0).round() as i64));
-        (h.rows, h.columns, way)
-    });
+    let mut parts = by_orientation(heads);
     for tag in NUMBERS {
-        let number = |h: &Head| h.int(tag.0, tag.1);
+        // Thousandths: a trigger time may be a fraction of a millisecond.
+        let number = |h: &Head| {
+            let text = h.text(tag.0, tag.1);
+            let number: f64 = text.split('\\').next()?.trim().parse().ok()?;
+            Some((number * 1000.0).round() as i64)
+        };
         parts = parts
             .into_iter()
             .flat_map(|part| match shares_places(&part) || interleaves(&part, number) {
@@ -34,11 +38,46 @@ pub(super) fn stacks(heads: Vec<Head>) -> Vec<Vec<Head>> {
     parts
 }
 
-fn split<K: Ord>(heads: Vec<Head>, key: impl Fn(&Head) -> K) -> Vec<Vec<Head>> {
-    let mut parts: BTreeMap<K, usize> = BTreeMap::new();
+/// Parts of one size and orientation, as near as slices of one stack may be to each other.
+fn by_orientation(heads: Vec<Head>) -> Vec<Vec<Head>> {
+    let mut parts: Vec<(Option<[f64; 6]>, Vec<Head>)> = Vec::new();
+    for head in heads {
+        let own = way(&head);
+        let part = parts.iter_mut().find(|(way, part)| {
+            let is_near = match (way, own) {
+                (Some(a), Some(b)) => turned(*a, b) <= MAX_TURNED,
+                (None, None) => true,
+                _ => false,
+            };
+            is_near && (part[0].rows, part[0].columns) == (head.rows, head.columns)
+        });
+        match part {
+            Some((_, part)) => part.push(head),
+            None => parts.push((own, vec![head])),
+        }
+    }
+    parts.into_iter().map(|(_, part)| part).collect()
+}
+
+/// Distance between the axes of two orientations.
+fn turned(a: [f64; 6], b: [f64; 6]) -> f64 {
+    let axis = |v: [f64; 6], k: usize| DVec3::new(v[k], v[k + 1], v[k + 2]);
+    axis(a, 0).distance(axis(b, 0)) + axis(a, 3).distance(axis(b, 3))
+}
+
+/// Parts by number. A number that is another for nearly every slice tells no stacks apart: where a
+/// slice is there twice, the series stays whole.
+fn split(heads: Vec<Head>, number: impl Fn(&Head) -> Option<i64>) -> Vec<Vec<Head>> {
+    let mut counts = BTreeMap::<Option<i64>, usize>::new();
+    heads.iter().for_each(|h| *counts.entry(number(h)).or_default() += 1);
+    let largest = counts.values().copied().max().unwrap_or(0);
+    if largest * MIN_SHARE < distinct_places(&heads) {
+        return vec![heads];
+    }
+    let mut parts: BTreeMap<Option<i64>, usize> = BTreeMap::new();
     let mut out: Vec<Vec<Head>> = Vec::new();
     for head in heads {
-        let at = *parts.entry(key(&head)).or_insert(out.len());
+        let at = *parts.entry(number(&head)).or_insert(out.len());
         match out.get_mut(at) {
             Some(part) => part.push(head),
             None => out.push(vec![head]),
@@ -62,9 +101,15 @@ fn place(h: &Head) -> Option<f64> {
 
 /// Whether slices lie at the same places along their normal.
 fn shares_places(heads: &[Head]) -> bool {
+    distinct_places(heads) < heads.iter().filter_map(place).count()
+}
+
+/// Number of different places along the normal.
+fn distinct_places(heads: &[Head]) -> usize {
     let mut places: Vec<f64> = heads.iter().filter_map(place).collect();
     places.sort_by(f64::total_cmp);
-    places.windows(2).any(|w| w[1] - w[0] < SAME_MM)
+    places.dedup_by(|b, a| *b - *a < SAME_MM);
+    places.len()
 }
 
 /// Whether slices lie unevenly, and those of one number begin before those of another end. A stack

@@ -20,6 +20,8 @@ const MAX_TILT_DEG: f64 = 0.1;
 const MAX_DRIFT_PIXELS: f64 = 0.1;
 /// Cosine of 20 degrees: a plane that is turned by more is oblique.
 const NEAR_AXIS: f64 = 0.94;
+/// Largest distance between the axes of two slices of one stack, both axes together.
+pub(super) const MAX_TURNED: f64 = 2e-3;
 /// Largest deviation of a step from the usual one, as a fraction.
 pub(super) const MAX_UNEVEN: f64 = 0.01;
 
@@ -83,7 +85,7 @@ impl Stack {
             let other = self::plane(h)?;
             let turned = (other.along_row - plane.along_row).length()
                 + (other.along_column - plane.along_column).length();
-            if turned > 2e-3 {
+            if turned > MAX_TURNED {
                 let degrees = plane.normal().angle_between(other.normal()).to_degrees();
                 let what =
                     format!("mixed orientations in one series: planes {degrees:.1} degrees apart");

@@ -82,17 +82,10 @@ pub(super) fn walk(file: &Path) -> Result<Option<Walked>, FormatError> {
 
 /// The data set of a deflated file, from its first byte on.
 pub(super) fn inflate(file: &Path) -> Result<Inflated, FormatError> {
-    Inflated::open(file, data_set_offset(file)?)
-}
-
-/// Returns the offset of a file's data set, bytes.
-fn data_set_offset(file: &Path) -> Result<u64, FormatError> {
-    let source = DataFile::open(file)?;
-    let end = source.len;
-    let mut w = Walker::new(file, BufReader::new(source), end);
-    w.skip(132.min(end))?;
-    w.meta()?;
-    Ok(w.at)
+    match Walker::open(file)? {
+        Some((walker, _)) => Inflated::open(file, walker.at),
+        None => Err(FormatError::unsupported(file, "a file that is not DICOM any more")),
+    }
 }
 
 impl<'a> Walker<'a, DataFile> {

@@ -36,6 +36,9 @@ pub(super) struct ZarrImage {
     axes: [usize; 3],
 }
 
+/// Folders between a level and the group that describes it, at most.
+const MAX_NESTED: usize = 4;
+
 /// Whether a folder is a Zarr group or array.
 pub(super) fn is_zarr(path: &Path) -> bool {
     METADATA.iter().any(|name| path.join(name).is_file())
@@ -48,17 +51,10 @@ impl ZarrImage {
     /// [`FormatError`] names the metadata at fault.
     pub fn open(path: &Path) -> Result<Self, FormatError> {
         let image = match ZarrArray::open(path)? {
-            Some(array) => {
-                let parent = path.parent().filter(|p| !p.as_os_str().is_empty());
-                let name = path.file_name().map(|n| n.to_string_lossy().into_owned());
-                let group = parent.map(attributes).transpose()?.flatten();
-                match (group, name) {
-                    (Some(group), Some(name)) if !multiscales(&group.1).is_null() => {
-                        Self::of_level(path, array, &group, Some(&name))?
-                    }
-                    _ => Self::plain(path, array)?,
-                }
-            }
+            Some(array) => match image_above(path)? {
+                Some((group, name)) => Self::of_level(path, array, &group, Some(&name))?,
+                None => Self::plain(path, array)?,
+            },
             None => Self::of_group(path, path)?,
         };
         image.array.check_size(path)?;
@@ -192,6 +188,28 @@ fn attributes(dir: &Path) -> Result<Option<(PathBuf, Value)>, FormatError> {
         return Ok(Some((dir.join("zarr.json"), own)));
     }
     Ok(metadata(dir, ".zattrs")?.map(|value| (dir.join(".zattrs"), value)))
+}
+
+/// Attributes of the image that a level belongs to, and the name of the level in it: of the group above
+/// the level, or of one farther above that lists the level.
+fn image_above(level: &Path) -> Result<Option<((PathBuf, Value), String)>, FormatError> {
+    let whole = std::path::absolute(level).map_err(|e| FormatError::io(level, e))?;
+    for (depth, above) in whole.ancestors().skip(1).take(MAX_NESTED).enumerate() {
+        let name = whole.strip_prefix(above).unwrap_or(&whole);
+        let name = name.to_string_lossy().replace('\\', "/");
+        let group = match depth {
+            0 => attributes(above)?,
+            _ => attributes(above).ok().flatten(),
+        };
+        let Some(group) = group else { continue };
+        let images = multiscales(&group.1).as_array().into_iter().flatten();
+        let mut levels = images.filter_map(|image| image["datasets"].as_array()).flatten();
+        let is_listed = levels.any(|level| level["path"] == name.as_str());
+        if is_listed || (depth == 0 && !multiscales(&group.1).is_null()) {
+            return Ok(Some((group, name)));
+        }
+    }
+    Ok(None)
 }
 
 fn multiscales(attributes: &Value) -> &Value {
