@@ -119,12 +119,14 @@ pub(super) fn grow_branches(
     tips.retain(|n| nodes.binary_search(n).is_ok() && !owner.contains_key(n));
     tips.sort_by_key(|n| (Reverse(lengths.get(n).map_or(0, |w| w.0)), *n));
 
-    // 3. A branch to each tip.
+    // 3. A branch to each tip that leads out of the trunk.
+    let mut pockets: BTreeSet<u32> = BTreeSet::new();
     for node in tips {
         let chain = graph.chain(&ways, node, |n| owner.contains_key(&n));
         let tip = graph.tip(node);
         let from = chain.nodes[0];
         if !graph.leads_out(from, tip) {
+            pockets.extend(&chain.contacts);
             continue;
         }
         let parent = owner.get(&from).copied().or(Some(0));
@@ -134,7 +136,7 @@ pub(super) fn grow_branches(
     }
 
     // 4. Arcs that no branch follows.
-    close_loops(graph, &mut routes, &mut owner, &ways, nodes, options.loops);
+    close_loops(graph, (&mut routes, &mut owner), &ways, nodes, &pockets, options.loops);
     routes
 }
 
@@ -153,18 +155,20 @@ fn junction(graph: &ArcGraph<'_>, node: u32) -> PathEnd {
 
 /// Adds branches along arcs that no branch follows yet. An arc between two branches closes a loop: it
 /// becomes one branch, or two halves if loops are cut.
+///
+/// * `pockets`: contacts of the ways to tips that are no branches.
 fn close_loops(
     graph: &ArcGraph<'_>,
-    routes: &mut Vec<BranchRoute>,
-    owner: &mut BTreeMap<u32, usize>,
+    (routes, owner): (&mut Vec<BranchRoute>, &mut BTreeMap<u32, usize>),
     ways: &Ways,
     nodes: &[u32],
+    pockets: &BTreeSet<u32>,
     loops: Loops,
 ) {
     // 1. Collect the arcs that no branch follows. The trunk may follow arcs that the most central ways
     // do not.
     let used_contacts: BTreeSet<u32> =
-        routes.iter().flat_map(|r| r.chain.contacts.iter().copied()).collect();
+        routes.iter().flat_map(|r| &r.chain.contacts).chain(pockets).copied().collect();
     let is_unused = |i: &usize| {
         let first_contact = graph.net.arc(*i).and_then(|arc| arc.contacts.first());
         first_contact.is_none_or(|contact| !used_contacts.contains(contact))

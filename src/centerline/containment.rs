@@ -35,7 +35,8 @@ pub fn safe_by_voxels(a: DVec3, b: DVec3, lumen: &Lumen) -> bool {
     let mut v = a.floor().as_ivec3();
     let end = b.floor().as_ivec3();
     let d = b - a;
-    let way = IVec3::new(sign(d.x), sign(d.y), sign(d.z));
+    // An axis along which nothing changes is never stepped along.
+    let way = d.signum().as_ivec3();
     let mut next = [0.0f64; 3];
     let mut each = [f64::INFINITY; 3];
     for k in 0..3 {
@@ -61,16 +62,6 @@ pub fn safe_by_voxels(a: DVec3, b: DVec3, lumen: &Lumen) -> bool {
 /// Whether a segment (local mm) can be proven inside one way or the other.
 pub fn safe(a: DVec3, b: DVec3, distance: Sampler<'_>) -> bool {
     safe_by_distance(a, b, distance) || safe_by_voxels(a, b, distance.lumen)
-}
-
-fn sign(d: f64) -> i32 {
-    if d > 0.0 {
-        1
-    } else if d < 0.0 {
-        -1
-    } else {
-        0
-    }
 }
 
 /// Makes a curve safe: pieces that cannot be proven inside are replaced by the stretch of the

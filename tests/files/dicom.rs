@@ -716,9 +716,15 @@ fn frames_without_places_beside_a_series_are_named_and_stop_no_run() {
     series(dir.path(), &[0.0, 2.0, 4.0], |_, _| {});
     let cine = volumes::Slice { series: "1.2.9", frames: "3", ..volumes::Slice::default() };
     let cine = volumes::Slice { pixels: vec![7; 36], ..cine };
-    std::fs::write(dir.path().join("cine.dcm"), dicom_slice(&cine)).unwrap();
+    let mut bytes = dicom_slice(&cine);
+    let modality = bytes.windows(6).position(|w| w == b"CS\x02\0CT").unwrap() + 4;
+    bytes[modality..modality + 2].copy_from_slice(b"US");
+    std::fs::write(dir.path().join("cine.dcm"), &bytes).unwrap();
     assert_eq!(read(dir.path()).unwrap().grid.dims.z, 3);
     let notes = inspect(dir.path(), &ReadOptions::default()).unwrap().notes;
     let said = "1 DICOM files were passed over, the first: 3 frames in a file";
     assert!(notes.iter().any(|n| n.starts_with(said)), "{notes:?}");
+    // One of CT may be the volume that is wanted.
+    std::fs::write(dir.path().join("cine.dcm"), dicom_slice(&cine)).unwrap();
+    assert!(refusal(dir.path()).contains("3 frames in a file"));
 }

@@ -158,3 +158,14 @@ fn a_bent_piece_whose_ends_lie_beside_each_other_is_flown() {
     let longest = line.branches.iter().map(|b| b.points.last().unwrap().abscissa_mm);
     assert!(longest.fold(0.0, f64::max) > 70.0);
 }
+
+/// The way to a pocket was left out as a branch, and came back as a loop that is not closed.
+#[test]
+fn a_pocket_of_a_colon_is_no_branch_of_its_tree() {
+    let Some(file) = shared_file("colon_label_1.nii.gz") else { return };
+    let mut settings = Settings::default();
+    settings.lumen.select = Some(IntensitySelection::Labels(vec![1]));
+    settings.centerline.tree = true;
+    let session = Session::new(Source::Image(VolumeSource::file(file)), settings).unwrap();
+    assert_eq!(session.centerline().unwrap().line.branches.len(), 1);
+}

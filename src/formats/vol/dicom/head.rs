@@ -140,6 +140,13 @@ fn begins_stream(file: &Path, fragment: &Fragment) -> bool {
     matches!(read, Ok(Ok(()))) && (first == [0xff, 0xd8, 0xff] || first == [0xff, 0x4f, 0xff])
 }
 
+/// Whether a file says that it is of a modality that takes volumes.
+pub(super) fn is_volume(file: &Path) -> bool {
+    let walked = walk(file).ok().flatten();
+    let modality = walked.as_ref().and_then(|w| w.values.get((0x0008, 0x0060)));
+    matches!(modality, Some("CT" | "MR" | "PT"))
+}
+
 impl Head {
     /// Whether it is a picture to plan a scan on, as its type says.
     pub fn is_localizer(&self) -> bool {

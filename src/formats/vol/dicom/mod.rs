@@ -221,7 +221,7 @@ fn find(path: &Path) -> Result<Found, FormatError> {
     let (mut other, mut without_pixels, mut localizers) = (0, 0, 0);
     let (mut damaged, mut unsupported) = (None, Vec::new());
     let mut series = BTreeMap::<(Arc<str>, bool), Vec<Head>>::new();
-    for result in heads {
+    for (file, result) in files.iter().zip(heads) {
         match result {
             Ok(Some(heads)) => {
                 let Some(first) = heads.first() else { continue };
@@ -249,8 +249,10 @@ fn find(path: &Path) -> Result<Found, FormatError> {
                 let why = "a DICOM file holds `DICM` at byte 128";
                 return Err(FormatError::field(path, "magic", "absent", why));
             }
-            // A dose or a film of another modality beside the series that is wanted.
-            Err(e @ FormatError::Unsupported { .. }) if folder => unsupported.push(e),
+            // A dose or a film beside the series that is wanted.
+            Err(e @ FormatError::Unsupported { .. }) if folder && !head::is_volume(file) => {
+                unsupported.push(e);
+            }
             Err(e) => {
                 damaged.get_or_insert(e);
             }
