@@ -357,10 +357,7 @@ mod tests {
                 .collect(),
             ..Branch::default()
         };
-        let line = Centerline {
-            branches: vec![along(0.0, 9.0), along(0.1, 2.0)],
-            ..Centerline::default()
-        };
+        let line = Centerline { branches: vec![along(0.0, 9.0), along(0.1, 2.0)] };
         let pose = |i: i32| Pose {
             position_mm: Vec3::new(i as f32, 0.1 * i as f32, 0.0),
             rotation: Quat::IDENTITY,

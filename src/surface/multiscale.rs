@@ -191,7 +191,7 @@ impl<'a> VertexRange<'a> {
                 for (w, cot) in
                     [(f[(k + 1) % 3], cot[(k + 2) % 3]), (f[(k + 2) % 3], cot[(k + 1) % 3])]
                 {
-                    if let Some(i) = row.binary_search(&w).ok() {
+                    if let Ok(i) = row.binary_search(&w) {
                         self.weight[at + i] += cot;
                     }
                 }

@@ -164,12 +164,7 @@ impl Session {
                 "wall": WallReport::of(&found),
                 "organ": organ,
             });
-            Ok((
-                classes,
-                found.lumen.stored_grid(),
-                to_text(&report)?,
-                found.notes.clone(),
-            ))
+            Ok((classes, found.lumen.stored_grid(), to_text(&report)?, found.notes.clone()))
         })?;
         let out = array::geometry(py, &grid)?;
         out.set_item("classes", array::dense(py, classes, &grid)?)?;

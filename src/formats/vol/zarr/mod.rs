@@ -39,6 +39,9 @@ pub(super) struct ZarrImage {
 /// Folders between a level and the group that describes it, at most.
 const MAX_NESTED: usize = 4;
 
+/// File of a group's attributes, and the attributes.
+type GroupAttributes = (PathBuf, Value);
+
 /// Whether a folder is a Zarr group or array.
 pub(super) fn is_zarr(path: &Path) -> bool {
     METADATA.iter().any(|name| path.join(name).is_file())
@@ -178,7 +181,7 @@ impl ZarrImage {
 }
 
 /// Attributes of a group, and the file they are in.
-fn attributes(dir: &Path) -> Result<Option<(PathBuf, Value)>, FormatError> {
+fn attributes(dir: &Path) -> Result<Option<GroupAttributes>, FormatError> {
     if let Some(mut value) = metadata(dir, "zarr.json")? {
         let mut own = value["attributes"].take();
         // 0.5 keeps its own under a name; before that they stood among the rest.
@@ -192,7 +195,7 @@ fn attributes(dir: &Path) -> Result<Option<(PathBuf, Value)>, FormatError> {
 
 /// Attributes of the image that a level belongs to, and the name of the level in it: of the group above
 /// the level, or of one farther above that lists the level.
-fn image_above(level: &Path) -> Result<Option<((PathBuf, Value), String)>, FormatError> {
+fn image_above(level: &Path) -> Result<Option<(GroupAttributes, String)>, FormatError> {
     let whole = std::path::absolute(level).map_err(|e| FormatError::io(level, e))?;
     for (depth, above) in whole.ancestors().skip(1).take(MAX_NESTED).enumerate() {
         let name = whole.strip_prefix(above).unwrap_or(&whole);
