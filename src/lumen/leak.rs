@@ -247,7 +247,7 @@ impl Flood {
     /// Levels of a step of the volume curve; a narrow selection, as of values from 0 to 1, has
     /// [`STEPS`] steps.
     fn step(&self) -> usize {
-        let most = self.filled.len() / STEPS;
+        let most = self.levels / STEPS;
         ((STEP / self.unit).round() as usize).min(most).max(1)
     }
 
