@@ -41,7 +41,8 @@ pub(super) struct Pipelines {
     pub contrast_lay: DrawPipelineId,
 }
 
-/// A pass that fills an area from other images. What was there is kept, to be blended with.
+/// A pass that fills an area from other images. It keeps the pixels of the area, so that its draw can
+/// blend with them.
 pub(super) fn whole_pass(
     colour: ImageId,
     area: Area,

@@ -79,6 +79,8 @@ pub fn mesh_offsets(lumen: &Lumen, mesh: &Mesh) -> Vec<f32> {
     // 2. Offsets, brick by brick.
     let spacing = grid.spacing_mm.as_vec3();
     let direction = grid.direction.transpose();
+    let steps = spacing / (SIGMA * spacing.element_product().cbrt());
+    let falls = steps.to_array().map(fall_of_steps);
     let mut offsets = vec![0.0; count * BRICK];
     offsets.par_chunks_exact_mut(BRICK).enumerate().with_min_len(4).for_each(|(slot, out)| {
         crate::task::checkpoint();
@@ -94,7 +96,7 @@ pub fn mesh_offsets(lumen: &Lumen, mesh: &Mesh) -> Vec<f32> {
                     && voxel.cmplt(IVec3::splat(SIDE + REACH)).all();
                 if reaches {
                     let normal = direction * mesh.normals[*v as usize].as_dvec3();
-                    near.push(Neighbour::new(at.as_vec3(), normal.as_vec3(), spacing));
+                    near.push(Neighbour::new(at.as_vec3(), normal.as_vec3(), spacing, &falls));
                 }
             }
         }
@@ -160,21 +162,26 @@ fn of_brick(near: &[Neighbour], spacing: Vec3, sides: &[u64], out: &mut [f32]) {
     }
 }
 
+/// Shares exp(-(k d)² / 2) for the voxels k about a vertex.
+///
+/// * `step`: spacing along the axis, standard deviations.
+fn fall_of_steps(step: f32) -> [f32; ABOUT] {
+    std::array::from_fn(|k| (-0.5 * ((k as i32 - REACH) as f32 * step).powi(2)).exp())
+}
+
 impl Neighbour {
     /// * `at`: voxels from the first of the brick.
-    fn new(at: Vec3, normal: Vec3, spacing: Vec3) -> Self {
+    /// * `falls`: [`fall_of_steps`], by axis.
+    fn new(at: Vec3, normal: Vec3, spacing: Vec3, falls: &[[f32; ABOUT]; 3]) -> Self {
         let voxel = at.round().as_ivec3();
         let deviation = SIGMA * spacing.element_product().cbrt();
-        // exp(-(a + k d)² / 2) for the voxels k of an axis, by two exponentials.
+        // exp(-(a + k d)² / 2) for the voxels k of an axis: two exponentials of the vertex, and the
+        // share that is the same of all vertices.
         let along = |axis: usize| {
             let step = spacing[axis] / deviation;
             let first = (voxel[axis] as f32 - at[axis]) * step;
             let (middle, ratio) = ((-0.5 * first * first).exp(), (-first * step).exp());
-            std::array::from_fn(|k| {
-                let k = k as i32 - REACH;
-                let fall = (-0.5 * (k as f32 * step).powi(2)).exp();
-                middle * ratio.powi(k) * fall
-            })
+            std::array::from_fn(|k| middle * ratio.powi(k as i32 - REACH) * falls[axis][k])
         };
         Self { at: at * spacing, normal, voxel, weights: [0, 1, 2].map(along) }
     }

@@ -3,6 +3,7 @@
 mod cut_streams;
 mod deflated;
 mod dicom;
+mod dicom_series;
 mod fuzz_readers;
 mod hostile;
 mod in_parts;

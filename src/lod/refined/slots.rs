@@ -52,7 +52,7 @@ struct WantedFace {
     face: u32,
     /// The finest level that a camera needs.
     level: u32,
-    /// Level and slot of its vertices; `None` while there are none.
+    /// Level and slot of its vertices; `None` while the device has no vertices of the face.
     place: Option<SlotPlace>,
 }
 
@@ -174,7 +174,8 @@ impl RefinedSlots {
                 allocate(&mut self.caches, w, level);
             }
         }
-        // The rest as fine as coarser levels have it or, if no frame comes later, have room for it.
+        // A face without a slot of its level is drawn from a coarser slot that it has. A recorded frame
+        // is drawn once: there the face gets a coarser slot that is free.
         for w in wanted.iter_mut().filter(|w| w.place.is_none()) {
             let coarser = (1..w.level).rev();
             let there = coarser.clone().find_map(|level| self.touched_at(w.face, level));

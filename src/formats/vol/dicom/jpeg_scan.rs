@@ -209,7 +209,7 @@ impl Bits<'_> {
 }
 
 #[cfg(test)]
-mod table_tests {
+mod tests {
     use super::*;
 
     #[test]
